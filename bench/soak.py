@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
+from mcap.reader import make_reader
 
 from bench.processes import memory
 from pushfric_core.bags.contents import mcap_file
-from pushfric_core.bags.mcap_file import McapFile
 from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.errors import PushfricError
 from pushfric_core.vision.camera import load_camera
@@ -90,7 +90,7 @@ def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
                     samples.setdefault(node, []).append((now, *_figures(pid)))
                 progress(f"{now / 60:.0f} of {minutes:g} minutes")
                 time.sleep(PERIOD)
-        data_points, chunks = _recorded(McapFile(mcap_file(here / "bag")))
+        data_points, chunks = _recorded(mcap_file(here / "bag"))
         camera = load_camera(cell.camera.calibration)
     # the middleware keeps the memory of a queue that was full once, which happens when the machine is busy
     queue = IMAGE_QUEUE.depth * camera.width * camera.height / 1024
@@ -133,8 +133,12 @@ def _growth(node: str, samples: np.ndarray, keeps: float) -> Iterator[Growth]:
         yield Growth(node, kind, float(first), float(last), float(slope), bool(flat))
 
 
-def _recorded(file: McapFile) -> tuple[int, int]:
+def _recorded(path: pathlib.Path) -> tuple[int, int]:
     """Number of data points and of chunks of a finished bag."""
-    assert file.statistics is not None
-    made = [number for number, channel in file.channels.items() if channel.topic.endswith("/observation")]
-    return int(np.isin(file.entries.channels, made).sum()), file.statistics.chunk_count
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    counts = summary.statistics.channel_message_counts
+    made = (counts.get(number, 0) for number, channel in summary.channels.items() if channel.topic.endswith("/observation"))
+    return sum(made), summary.statistics.chunk_count

@@ -26,7 +26,6 @@ PYTHON_PACKAGES = ("pushfric_core", "pushfric_ros")
 KEYS = yaml.safe_load((ROOT / "test/rosdep_keys.yaml").read_text())
 OF_KEYS = {
     "apsw": "python3-rosbags-pip",
-    "lz4": "mcap-ros2-support",
     "mcap": "mcap-ros2-support",
     "opencv-python-headless": "python3-opencv",
     "pyserial": "python3-serial",
@@ -309,7 +308,6 @@ OUT = ["estimate", "bags/rubber_rect4", "--out", "OUT", "--jobs", "1"]
 USERS = {
     "cv2": ["calibrate", "board", "--out", "OUT"],
     "distributed": [*OUT, "--dask", "tcp://127.0.0.1:1"],
-    "lz4": ["bag", "verify", "bags/rubber_rect4"],
     "matplotlib": ["estimate", "bags/rubber_rect4", "--figure", "OUT.png"],
     "mcap": ["bag", "verify", "bags/rubber_rect4"],
     "numpy": ["estimate", "bags/rubber_rect4"],

@@ -17,7 +17,7 @@ from problems import four_feet
 from pushfric_core.files.observation_file import REQUIRED
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-SOURCE = ROOT / "src/pushfric_core"
+SOURCE, MESSAGES = ROOT / "src/pushfric_core", ROOT / "src/pushfric_msgs/msg"
 UV = shutil.which("uv") or shutil.which("uv", path=pathlib.Path(sys.executable).parent)
 
 BARE = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "VIRTUAL_ENV", "AMENT", "ROS"))}
@@ -32,8 +32,10 @@ def run(folder, *command, **settings):
 def built(tmp_path_factory):
     """A folder with the source distribution, and the wheel that is made from it."""
     folder = tmp_path_factory.mktemp("built")
-    shutil.copytree(SOURCE, folder / "source", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "*.so", "build"))
-    done = run(folder, sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, folder / "source")
+    left = shutil.ignore_patterns("__pycache__", "*.egg-info", "*.so", "build")
+    shutil.copytree(SOURCE, folder / "src/pushfric_core", symlinks=True, ignore=left)
+    shutil.copytree(MESSAGES, folder / "src/pushfric_msgs/msg")
+    done = run(folder, sys.executable, "-m", "build", "--no-isolation", "--outdir", folder, folder / "src/pushfric_core")
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -61,6 +63,8 @@ def test_the_wheel_runs_the_readmes_example(built, tmp_path):
     assert compiled == {name.partition(".")[0] for name in names if name.endswith(".pxd")} | {"pushfric_core/_cyutility"}
     assert compiled
     assert any(name.endswith("LICENSE") for name in names)
+    definitions = {path.name for path in MESSAGES.glob("*.msg")}
+    assert {pathlib.PurePath(name).name for name in names if name.startswith("pushfric_core/bags/msg/")} == definitions
     python("-m", "pip", "install", "--no-deps", "--no-index", "--target", tmp_path / "site", wheel)
     assert python("-c", WHERE).strip() == str(tmp_path / "site/pushfric_core/__init__.py")
 

@@ -350,7 +350,7 @@ def test_recovery_saves_the_whole_chunks(tmp_path, flushed, kept):
     cut.write_bytes(content[: max(8, int(kept * len(content)))])
     damage = Bag(cut).damage
     assert damage.gaps[-1].gap.reason == "the recording was cut short"
-    assert damage.loses_messages == (kept < 0.9)  # later, the statistics prove that all are there
+    assert damage.loses_messages == (kept < 0.8)  # later, the checksum over all proves that all are there
     count = recover(cut, tmp_path / "out").summary.message_count
     saved = [(m.log_time_ns, m.raw) for m in Bag(tmp_path / "out").messages()]
     assert saved == written[:count]
@@ -618,7 +618,7 @@ def test_a_false_count_is_damage(tmp_path):
     information = yaml.safe_load(metadata.read_text())
     inner = information["rosbag2_bagfile_information"]
     for total, of_topic, expected in [
-        (4, 4, "says the bag holds 4 messages, but it held 3"),
+        (4, 4, "1 of 4 messages are missing: 1 of /cell/text"),
         (2, 2, "says the bag holds 2 messages of /cell/text, but there are 3"),
         (5, 3, "says the bag holds 5 messages, but it held 3"),
     ]:

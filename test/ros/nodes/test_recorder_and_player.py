@@ -31,21 +31,16 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BagMessage
 from pushfric_core.bags.recovery import recover
-from pushfric_core.bags.samples import observation_from_msg
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import FrictionEstimate, Observation
+from pushfric_msgs.msg import Observation
 from pushfric_ros.messages import types as message_types
-from pushfric_ros.messages.conversions import report_from_msg
 from pushfric_ros.messages.types import definition, message_class
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE, offered
 from pushfric_ros.nodes.player import PlayerNode
 from pushfric_ros.nodes.recorder import QUEUE_DEPTH, MessagesLost, RecorderNode
-
-RECORDED = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
-"""A bag that was recorded with former definitions."""
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
 POINT = "geometry_msgs/msg/PointStamped"
@@ -728,23 +723,6 @@ def test_the_player_refuses_wrong_parameters(ros, tmp_path, values, expected):
     make_bag(tmp_path / "bag")
     with pytest.raises(InvalidInput, match=expected):
         player(**{"bag": str(tmp_path / "bag"), **values})
-
-
-def test_messages_with_former_definitions_are_played_as_their_types_are_defined_today(ros):
-    names = ["observation", "friction_estimate"]
-    kinds, found = (Observation, FrictionEstimate), {name: [] for name in names}
-    node = ros.node("listener", namespace="/cell")
-    for name, kind in zip(names, kinds, strict=True):
-        node.create_subscription(kind, name, found[name].append, RELIABLE)
-    wanted = ros.compose(player(bag=str(RECORDED), topics=names, wait_for=names, rate=20.0))
-    ros.wait_for(lambda: wanted.done and all(len(heard) == 72 for heard in found.values()), what="all messages")
-    bag = Bag(RECORDED)
-    expected = [bag.deserialize(message) for message in bag.messages(["/cell/observation"])]
-    assert list(map(observation_from_msg, found["observation"])) == list(map(observation_from_msg, expected))
-    expected = [bag.deserialize(message) for message in bag.messages(["/cell/friction_estimate"])]
-    estimates = [report_from_msg(msg).to_dict() for msg in found["friction_estimate"]]
-    assert estimates == [report_from_msg(msg).to_dict() for msg in expected]
-    assert estimates[-1]["mu_c"]["kind"] == "bound"
 
 
 def test_the_player_refuses_an_empty_bag_and_a_changed_definition(ros, tmp_path):

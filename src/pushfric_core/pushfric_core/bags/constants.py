@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 
 FOLDER = pathlib.Path(__file__).parent / "msg"
-"""A copy of the definitions of pushfric_msgs, for places where only pushfric_core is installed."""
+"""The definitions of pushfric_msgs: here a link to them; what is built holds copies, and needs no pushfric_msgs."""
 
 CONSTANT = re.compile(r"^\w+ +([A-Z][A-Z0-9_]*) *= *(-?\d+) *(?:#.*)?$", re.MULTILINE)
 

@@ -1,13 +1,10 @@
 """The contents of a bag: messages, topics, and a summary of them."""
 
-import enum
 import heapq
 import pathlib
-from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from hashlib import blake2b
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple
 
 from pushfric_core.bags.offered_qos import OfferedQos
 
@@ -17,6 +14,10 @@ that the messages of another one stand out."""
 
 BEFORE = "pushfric_before_recovery"
 """Key of a bag's custom data: losses before the bag was recovered."""
+
+
+UNKNOWN_TOPIC = "a topic that is no longer known"
+"""Stands for the topic of messages whose channel is not defined, or whose type is lost."""
 
 
 class Definition(NamedTuple):
@@ -33,120 +34,34 @@ class BagMessage(NamedTuple):
     type_name: str  # package/msg/Type
     log_time_ns: int
     raw: bytes  # CDR
-    doubt: str = ""  # why it may not be what was recorded; empty if there is no reason to think so
 
 
-class Standing(enum.IntEnum):
-    """What speaks against a message that a bag's files hold. Each message has one of these."""
+class Gap(NamedTuple):
+    """Bytes of a file that cannot be trusted."""
 
-    SOUND = 0
-    MARKED = 1  # `bag recover` marked it as unconfirmed
-    UNCHECKED = 2  # its file is damaged, and neither a checksum nor a count confirms it
-    SALVAGED = 3  # it is intact in a chunk that fails its checksum
-    FOREIGN = 4  # it does not belong to the recording around it
-    DOUBLED = 5  # it is a copy of another one
-    UNKNOWN = 6  # its topic is not known
-
-    @property
-    def doubt(self) -> str:
-        """Why such a message may not be what was recorded."""
-        return _DOUBTS.get(self, "")
+    begin: int
+    end: int
+    reason: str
+    after_ns: int | None  # log time of the last message before it, in the order of the file; None: no such message
+    before_ns: int | None  # log time of the first message after it
 
 
-_DOUBTS = {
-    Standing.MARKED: "`bag recover` marked it as unconfirmed",
-    Standing.UNCHECKED: "nothing confirms it in a damaged file",
-    Standing.SALVAGED: "it was saved from a chunk that failed its checksum",
-    Standing.FOREIGN: "it does not belong to the recording around it",
-}
-
-LAST_READ, LAST_SAVED = Standing.UNCHECKED, Standing.FOREIGN
-"""Messages up to these standings are read, or read on demand and saved by `bag recover`."""
-
-
-LONG_PAUSE_NS, LONG_PAUSE_RATIO = 60 * 10**9, 20
-"""In a damaged bag, a longer pause that is so many times as long as any other one separates two recordings [ns]."""
-
-
-class Entries:
-    """A few figures of each message in a file, in the order of the file; their content stays where it is."""
-
-    SIZE = 22
-    """Memory for one message [bytes]."""
-
-    def __init__(self) -> None:
-        self.log_times = array("q")  # [ns]
-        self.digests = array("Q")  # of everything but the topic
-        self.sequences = array("I")
-        self.channels = array("H")
-
-    def __len__(self) -> int:
-        return len(self.channels)
-
-    def append(self, channel: int, sequence: int, log_time_ns: int, content: bytes | memoryview) -> None:
-        """Note a message; `content` is its bytes, its times and its sequence."""
-        self.log_times.append(log_time_ns)
-        self.digests.append(digest(content))
-        self.sequences.append(sequence)
-        self.channels.append(channel)
-
-    def pop(self) -> None:
-        """Forget the last message."""
-        for column in (self.log_times, self.digests, self.sequences, self.channels):
-            column.pop()
-
-    def extend(self, other: "Entries") -> None:
-        """Note the messages of another object."""
-        self.log_times.extend(other.log_times)
-        self.digests.extend(other.digests)
-        self.sequences.extend(other.sequences)
-        self.channels.extend(other.channels)
-
-
-def digest(content: bytes | memoryview) -> int:
-    """Two different contents have the same digest once in 2**64 pairs."""
-    return int.from_bytes(blake2b(content, digest_size=8).digest(), "little")
-
-
-class Logged(Protocol):
-    """Something that was logged at a time."""
-
-    @property
-    def log_time_ns(self) -> int:
-        """The time [ns]."""
-        ...
-
-
-Item = TypeVar("Item", bound=Logged)
-
-
-def in_order(parts: Iterable[tuple[int, int, Callable[[], Iterator[Item]]]]) -> Iterator[Item]:
-    """What several parts hold, in order of log time. A part is opened only when its time comes.
+def in_order(parts: Iterable[tuple[int, Callable[[], Iterable[BagMessage]]]]) -> Iterator[BagMessage]:
+    """The messages of several parts, by log time, and where that is equal by part. A part is opened when its time comes.
 
     Args:
-        parts: the first log time of each [ns], its rank among those of the same time, and what opens it: then it returns its
-            items in order.
+        parts: the least log time of each [ns], and what opens it: then it returns its messages in order.
     """
-    waiting = sorted(parts, key=lambda part: part[:2], reverse=True)
-    opened: list[tuple[int, int, int, Item, Iterator[Item]]] = []
-    while waiting or opened:
-        while waiting and (not opened or waiting[-1][:2] <= opened[0][:2]):
-            _, rank, open_part = waiting.pop()
-            items = open_part()
-            for item in items:
-                heapq.heappush(opened, (item.log_time_ns, rank, len(waiting), item, items))
-                break
-        if opened:
-            _, rank, number, item, items = opened[0]
-            yield item
-            if len(opened) == 1 and not waiting:
-                yield from items
-                return
-            for following in items:
-                heapq.heapreplace(opened, (following.log_time_ns, rank, number, following, items))
-                break
-            else:
-                heapq.heappop(opened)
+    merged = heapq.merge(*(_opened(rank, *part) for rank, part in enumerate(parts)), key=lambda one: one[:2])
+    return (message for _, _, message in merged if message is not None)
+
+
+def _opened(
+    rank: int, start_ns: int, open_part: Callable[[], Iterable[BagMessage]]
+) -> Iterator[tuple[int, int, BagMessage | None]]:
+    yield start_ns, rank, None  # until this is taken, the part stays closed
+    for message in open_part():
+        yield message.log_time_ns, rank, message
 
 
 @dataclass(frozen=True)

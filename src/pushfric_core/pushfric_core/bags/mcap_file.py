@@ -1,203 +1,177 @@
-"""The sound parts of an MCAP file; after damage, reading resumes at the next sound record."""
+"""MCAP files, read record by record by the library mcap: what follows a broken chunk is still found."""
 
-import itertools
+import io
 import pathlib
-import re
 import struct
+import zlib
 from array import array
-from bisect import bisect_right, insort
+from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Sequence
 from functools import partial
-from typing import Any, BinaryIO, NamedTuple, TypeVar
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
-from mcap.records import Channel, ChunkIndex, DataEnd, Header, McapRecord, Metadata, Schema, Statistics
+import zstandard
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import StreamReader, breakup_chunk
 
-from pushfric_core.bags import salvage
-from pushfric_core.bags.agreement import AMBIGUOUS
 from pushfric_core.bags.cdr import Decoder
-from pushfric_core.bags.contents import (
-    LAST_READ,
-    LAST_SAVED,
-    LONG_PAUSE_NS,
-    LONG_PAUSE_RATIO,
-    Entries,
-    Standing,
-    in_order,
-)
-from pushfric_core.bags.mcap_records import (
-    ATTACHMENT,
-    BLOCK,
-    CHANNEL,
-    CHANNEL_ID,
-    CHUNK,
-    CHUNK_HEAD,
-    FOOTER,
-    HELD_LIMIT,
-    LAST_KNOWN,
-    LATEST_NS,
-    LENGTH,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_HEAD,
-    MESSAGE_INDEX,
-    RECORD_HEAD,
-    SCHEMA,
-    ChunkHead,
-    CutShort,
-    Unsound,
-    checksum_of,
-    chunk_content,
-    definition_of,
-    index_of,
-    message_head,
-    parsed,
-    read,
-    records,
-    sound_record,
-)
+from pushfric_core.bags.contents import FIRST_NUMBER, UNKNOWN_TOPIC, BagMessage, Definition, Gap, Topic, in_order
+from pushfric_core.bags.offered_qos import profiles_from
+from pushfric_core.bags.rosbag2_metadata import BagMetadata, embedded_metadata
 from pushfric_core.errors import InvalidInput
+from pushfric_core.wording import counted
 
-UNCONFIRMED = "pushfric_unconfirmed"
-"""In the metadata of a channel: why nothing confirms its messages. So the mark comes with the messages, whatever is lost."""
+MAGIC = b"\x89MCAP0\r\n"
 
-Key = TypeVar("Key")
+RECORD_LIMIT = 256 * 2**20
+"""Largest size of a record, and of a chunk after decompression [bytes]. Recorders write chunks of 1 MiB, or of one message."""
 
-_DEFINITIONS = 1000  # of so many one after the other, one follows the other
-_DAY_NS = 86_400 * 10**9
+LATEST_NS = 2**63 - 1
+"""ROS cannot express a later time [ns]."""
 
-_CANDIDATE = re.compile(rb"[\x01-\x0f](?=[\x00-\xff]{5}\x00\x00\x00)")
-"""How a record shorter than 1 TiB begins."""
+STRANGE = 2**20
+"""A message whose number is farther than this from the one before is of another recording."""
 
-_LOOSE_RUN = 2**20  # bytes of messages outside chunks that are taken as one piece
+PRIVATE = 0x80
+"""From here on, operation codes are free for any program."""
 
-
-_ORDER_NS = {"pushfric": 10**7}
-_LOOSE_ORDER_NS = 10**9
-"""How far behind a chunk the next one may begin, by library: recorders may write what several threads receive [ns]."""
-
-_OLD_MARK = "pushfric_unconfirmed_messages"
-_SPAN = re.compile(r"[0-9]+ from ([0-9]{1,19}) to ([0-9]{1,19})")
-"""How pushfric 0.1.0 marked messages: by a record of metadata, with their first and last log time."""
-
-Standings = npt.NDArray[np.uint8]
-
-STANDINGS = tuple(Standing)  # by value
+_HEAD = struct.Struct("<BQ")  # operation code, length
+_FOOTER_SIZE, _DATA_END_SIZE = 29, 13
+_BLOCK = 2**20
+_FAILURES = (McapError, ValueError, struct.error, zstandard.ZstdError, RuntimeError, EOFError, MemoryError, OverflowError)
 
 
-class Message(NamedTuple):
-    """A message as it is stored."""
-
-    log_time_ns: int
-    channel_id: int
-    data: bytes
-    standing: Standing = Standing.SOUND
+class Unsound(Exception):
+    """Bytes that cannot be trusted; the text says why."""
 
 
-class Span(NamedTuple):
-    """Some messages: how many, and when the first and the last of them were logged [ns]."""
-
-    messages: int
-    first_ns: int
-    last_ns: int
-
-    def joined(self, other: "Span") -> "Span":
-        first, last = min(self.first_ns, other.first_ns), max(self.last_ns, other.last_ns)
-        return Span(self.messages + other.messages, first, last)
-
-
-def joined(spans: Iterable[tuple[Key, Span]]) -> dict[Key, Span]:
-    """One span for each key, such as a topic or a channel."""
-    found: dict[Key, Span] = {}
-    for key, span in spans:
-        found[key] = span.joined(found[key]) if key in found else span
-    return found
-
-
-class Gap(NamedTuple):
-    """Bytes of a file that cannot be trusted."""
-
-    begin: int
-    end: int
-    reason: str
-    after_ns: int | None  # log time of the last message before it, in the order of the file; None: no such message
-    before_ns: int | None  # log time of the first message after it
+class CutShort(Unsound):
+    """A record that reaches beyond the end."""
 
 
 class Piece(NamedTuple):
-    """A chunk, or a run of messages outside chunks or in a damaged one."""
+    """A chunk, or messages outside chunks."""
 
     begin: int
     end: int
-    head: ChunkHead | None  # of a chunk
-    start_ns: int
+    start_ns: int  # least log time
     end_ns: int
-    entries: range  # of its messages
-    is_checked: bool  # whether a checksum covers it
-    salvaged: bool = False  # whether its checksum says that some of its messages may be wrong
-
-    @property
-    def size(self) -> int:
-        """Memory held while it is read [bytes]."""
-        return self.end - self.begin if self.head is None else self.head.size
 
 
-class _Suspect(NamedTuple):
-    """A damaged part of the file that may contain intact messages."""
+def end_of_record(stream: BinaryIO, position: int, end: int) -> int:
+    """Where the record at a position ends by its own length.
 
-    begin: int
-    end: int
+    Raises:
+        CutShort: it reaches beyond `end`.
+        Unsound: no record begins there.
+    """
+    stream.seek(position)
+    head = stream.read(_HEAD.size)
+    if len(head) < _HEAD.size:
+        raise CutShort("a record is cut short")
+    code, length = _HEAD.unpack(head)
+    if not (Opcode.HEADER <= code <= Opcode.DATA_END or code >= PRIVATE):
+        raise Unsound("no record begins here")
+    if position + _HEAD.size + length > end:
+        raise CutShort("a record reaches beyond what follows it")
+    return position + _HEAD.size + int(length)
 
 
-@dataclass
+def read_record(stream: BinaryIO, position: int, end: int) -> McapRecord | None:
+    """The record between two positions; None for one of a kind that only its writer knows.
+
+    Raises:
+        Unsound: it is not what its kind requires, or larger than the limit.
+    """
+    if end - position > RECORD_LIMIT:
+        raise Unsound(f"a record of {end - position} bytes is larger than the limit of {RECORD_LIMIT}")
+    stream.seek(position)
+    content = stream.read(end - position)
+    if content[0] >= PRIVATE:
+        return None
+    try:
+        return next(StreamReader(io.BytesIO(content), skip_magic=True, emit_chunks=True).records)
+    except _FAILURES as error:
+        raise Unsound("a record is not what its length says") from error
+
+
+def inner_records(chunk: Chunk) -> list[McapRecord]:
+    """The schemas, channels and messages in a chunk.
+
+    Raises:
+        Unsound: it is larger than the limit, cannot be decompressed, or fails its checksum.
+    """
+    if chunk.uncompressed_size > RECORD_LIMIT:
+        raise Unsound(f"a chunk of {chunk.uncompressed_size} bytes is larger than the limit of {RECORD_LIMIT}")
+    try:
+        found: list[McapRecord] = breakup_chunk(chunk, validate_crc=True)
+    except _FAILURES as error:
+        raise Unsound("a chunk fails its checksum, or cannot be decompressed") from error
+    if any(isinstance(one, Message) and one.log_time > LATEST_NS for one in found):
+        raise Unsound("a message was logged at a time beyond those of ROS")
+    return found
+
+
 class McapFile:
-    """The sound parts of a file, found by reading it once from beginning to end.
+    """A file of a bag, read through once to find what it holds and what is wrong with it.
 
     Args:
         path: the file.
+    Attributes:
+        topics: those that it defines, by channel.
+        counts: number of messages of each topic that can be read.
+        gaps: bytes that cannot be trusted.
+        doubts: contradictions: why messages may be missing, or differ from what was recorded.
+        first_numbers: the number of the first message of each topic that its recorder numbered.
+        missing: messages of each topic that the numbers of the others miss.
+        expected: number of messages of each topic that were written; None if nothing says so.
+        start_ns, end_ns: least and largest log time; 0 without messages.
+        embedded: what the file says of its bag; None if it says nothing.
     Raises:
         OSError: it cannot be read.
+        InvalidInput: it holds messages that are not of ROS 2.
     """
 
-    path: pathlib.Path
-    library: str = field(default="", init=False)  # that wrote the file
-    schemas: dict[int, Schema] = field(default_factory=dict, init=False)
-    channels: dict[int, Channel] = field(default_factory=dict, init=False)
-    entries: Entries = field(default_factory=Entries, init=False)  # of all messages, in order of `pieces`
-    standings: Standings = field(default_factory=lambda: np.zeros(0, np.uint8), init=False)  # of each of them
-    pieces: list[Piece] = field(default_factory=list, init=False)
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list, init=False)  # the file's records of this kind
-    gaps: list[Gap] = field(default_factory=list, init=False)
-    statistics: Statistics | None = field(default=None, init=False)
-    finished: bool = field(default=False, init=False)  # whether the file ends as a finished one does
-
-    def __post_init__(self) -> None:
-        self._summary_channels: dict[int, Channel] = {}
-        self._summary_schemas: dict[int, Schema] = {}
-        self._definitions = 0  # bytes of schemas and channels
-        self._redefined: list[tuple[int, dict[int, Schema], dict[int, Channel]]] = []  # in which piece, and what
-        self._index: Counter[ChunkHead] = Counter()  # of the chunks
-        self._summary: int | None = None  # position where it begins
-        self._chunked = False
+    def __init__(self, path: pathlib.Path) -> None:
+        self.path = path
+        self.gaps: list[Gap] = []
+        self.doubts: list[str] = []
+        self.embedded: BagMetadata | None = None
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._counts: Counter[int] = Counter()
+        self._numbers: dict[int, array[int]] = {}  # of messages, by channel
+        self._pieces: list[Piece] = []
+        self._listed: dict[int, ChunkIndex] = {}  # by position
+        self._chunks: set[int] = set()  # positions
+        self._statistics: Statistics | None = None
+        self._unchecked = 0  # messages that no checksum of a chunk covers
         self._holds = False  # whether the checksum over all holds
-        self._suspects: list[_Suspect] = []  # where intact messages may be
-        self._places: dict[int, array[int]] | None = None  # what the indexes of the last chunk must say; None: not known
-        with self.path.open("rb") as stream:
-            self._survey(stream)
-        self.standings = self._judged()
-
-    @property
-    def is_damaged(self) -> bool:
-        """Whether bytes before the summary are damaged, or missing."""
-        return any(self._summary is None or gap.begin < self._summary for gap in self.gaps)
-
-    @property
-    def start_ns(self) -> int:
-        """The least log time; 0 without messages."""
-        return min((piece.start_ns for piece in self.pieces), default=0)
+        self._redefined: set[str] = set()
+        with path.open("rb") as stream:
+            size = stream.seek(0, io.SEEK_END)
+            end, damage = self._read_summary(stream, size)
+            self._survey(stream, end)
+            if damage:
+                self._add_gap(end, size, damage)
+        self.topics = {number: self._topic(one) for number, one in self._channels.items() if self._known(one)}
+        self.counts = self._by_topic(self._counts)
+        self.expected = self._expected()
+        self.first_numbers = {
+            one.topic: int(text)
+            for one in self._channels.values()
+            if (text := one.metadata.get(FIRST_NUMBER, "")).isascii() and text.isdecimal() and len(text) < 11
+        }
+        self.missing = self._missing_numbers()
+        self.start_ns = min((piece.start_ns for piece in self._pieces), default=0)
+        self.end_ns = max((piece.end_ns for piece in self._pieces), default=0)
+        self.doubts += [f"{one} is defined twice, in different ways" for one in sorted(self._redefined)]
+        if self.gaps and self._unchecked and not self._holds:
+            self.doubts.append(f"{counted(self._unchecked, 'message')} may not be what was recorded: no checksum confirms them")
 
     @staticmethod
     def recognized(path: pathlib.Path) -> bool:
@@ -211,439 +185,207 @@ class McapFile:
             stream.seek(max(0, path.stat().st_size - len(MAGIC)))
             return MAGIC in (begin, stream.read())
 
-    def messages(self, wanted: Callable[[int], bool], unconfirmed: bool = False) -> Iterator[Message]:
-        """The messages of the wanted channels in order of log time; those of the same time in the order of the file.
+    def messages(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
+        """The messages of these topics, or of all, in order of log time; those of the same time in the order of the file.
 
-        Args:
-            wanted: which channels.
-            unconfirmed: also those that are read only on demand.
         Raises:
             OSError: the file can no longer be read.
         """
-        last = LAST_SAVED if unconfirmed else LAST_READ
+        wanted = {number: one for number, one in self.topics.items() if topics is None or one.name in topics}
         with self.path.open("rb") as stream:
-            yield from in_order(
-                (piece.start_ns, piece.begin, partial(self._sorted, stream, piece, wanted, last)) for piece in self.pieces
-            )
+            yield from in_order((piece.start_ns, partial(self._content, stream, piece, wanted)) for piece in self._pieces)
+
+    def _content(self, stream: BinaryIO, piece: Piece, wanted: dict[int, Topic]) -> list[BagMessage]:
+        found, position = [], piece.begin
+        try:
+            while position < piece.end:
+                end = end_of_record(stream, position, piece.end)
+                record = read_record(stream, position, end)
+                position = end
+                for one in inner_records(record) if isinstance(record, Chunk) else [record]:
+                    if isinstance(one, Message) and one.channel_id in wanted:
+                        topic = wanted[one.channel_id]
+                        found.append(BagMessage(topic.name, topic.type_name, one.log_time, one.data))
+        except Unsound as error:
+            raise OSError(0, f"changed while it was read ({error})") from error
+        return sorted(found, key=lambda message: message.log_time_ns)
 
     # --- the survey ---
 
-    def _survey(self, stream: BinaryIO) -> None:
-        size = self.path.stat().st_size
-        position = len(MAGIC)
+    def _read_summary(self, stream: BinaryIO, size: int) -> tuple[int, str]:
+        """Read what the end of the file says of the whole: where the data end, and what is wrong with it."""
+        stream.seek(max(0, size - len(MAGIC)))
+        position = size - len(MAGIC) - _FOOTER_SIZE
+        if stream.read() != MAGIC or position < len(MAGIC):
+            return size, "the recording was cut short"
+        found = list[McapRecord | None]()
+        try:
+            footer = read_record(stream, position, position + _FOOTER_SIZE)
+            if not isinstance(footer, Footer):
+                return size, "the recording was cut short"
+            start = at = footer.summary_start or position
+            if footer.summary_crc and _checksum(stream, at, size - len(MAGIC) - 4) != footer.summary_crc:
+                return position, "the summary fails its checksum"
+            while at < position:
+                end = end_of_record(stream, at, position)
+                found.append(read_record(stream, at, end))
+                at = end
+        except Unsound as error:
+            return position, f"the summary is damaged: {error}"
+        for record in found:
+            if isinstance(record, Statistics):
+                self._statistics = record
+            elif isinstance(record, ChunkIndex):
+                self._listed[record.chunk_start_offset] = record
+            else:
+                self._define(record)
+        return start, ""
+
+    def _survey(self, stream: BinaryIO, end: int) -> None:
         stream.seek(0)
         if stream.read(len(MAGIC)) != MAGIC:
-            position = self._skip(stream, 0, size, "the file does not begin as an MCAP file")
-        while position < size and not self.finished:
+            self._add_gap(0, len(MAGIC), "the file does not begin as an MCAP file")
+        places, position, closed = sorted(self._listed), len(MAGIC), False
+        while position < end and not closed:
+            rank = bisect_right(places, position)
+            limit = after = places[rank] if rank < len(places) else end  # a listed chunk is found whatever lies before it
             try:
-                position = self._take(stream, position, size)
+                after = end_of_record(stream, position, limit)
+                record = read_record(stream, position, after)
+                closed = isinstance(record, DataEnd) and after - position == _DATA_END_SIZE and limit == end
+                if isinstance(record, DataEnd) and not closed:
+                    raise Unsound("the end of the data lies among them")
+                if isinstance(record, DataEnd):
+                    self._check_data(stream, position, record.data_section_crc)
+                self._take(record, position, after)
             except Unsound as error:
-                position = self._skip(stream, position, size, str(error))
-        if not self.finished:
-            said = self.statistics
-            by_channel = said.channel_message_counts if said is not None else {}
-            if said is not None and by_channel and sum(by_channel.values()) != said.message_count:
-                self.statistics = None  # damaged, like the end of the file with the checksum
-            self.gaps.append(Gap(size, size, "the recording was cut short", self._last_ns(), None))
-        elif position < size:
-            self.gaps.append(Gap(position, size, "something follows the end of the bag", self._last_ns(), None))
-        # the summary repeats the definitions, some of which may have been in lost chunks
-        self.channels |= self._summary_channels
-        self.schemas |= self._summary_schemas
-        confirmed = list(self.pieces)
-        for suspect in self._suspects if self._chunked else ():
-            self._search(stream, suspect, size, confirmed)
+                self._add_gap(position, after, str(error))
+            position = after
+        if end < stream.seek(0, io.SEEK_END) and not closed and not self.gaps:
+            self._add_gap(end, end, "the end of the data is missing")
+        for place in set(places) - self._chunks:
+            if not any(gap.begin <= place < gap.end for gap in self.gaps):
+                self._add_gap(place, place + self._listed[place].chunk_length, "no chunk lies where the index lists one")
 
-    def _last_ns(self) -> int | None:
-        return self.pieces[-1].end_ns if self.pieces else None
+    def _add_gap(self, begin: int, end: int, reason: str) -> None:
+        self.gaps.append(Gap(begin, end, reason, self._pieces[-1].end_ns if self._pieces else None, None))
 
-    def _skip(self, stream: BinaryIO, position: int, size: int, reason: str, search_from: int | None = None) -> int:
-        """Record a gap from `position` on; return where it ends."""
-        resumed = self._next_sound(stream, position + 1 if search_from is None else search_from, size)
-        if self.gaps and self.gaps[-1].end == position:  # one gap, for the first reason
-            position, reason = self.gaps[-1].begin, self.gaps[-1].reason
-            self.gaps.pop()
-            self._suspects = [one for one in self._suspects if one.begin < position]
-        self._suspects.append(_Suspect(position, resumed))
-        self.gaps.append(Gap(position, resumed, reason, self._last_ns(), None))
-        return resumed
+    def _take(self, record: McapRecord | None, position: int, after: int) -> None:
+        if isinstance(record, Chunk):
+            records = inner_records(record)
+            self._chunks.add(position)
+            for one in records:
+                self._define(one)
+            self._note(record, [one for one in records if isinstance(one, Message)], position, after)
+        elif isinstance(record, Message):
+            if self._listed or record.log_time > LATEST_NS:
+                raise Unsound("a message lies outside the chunks, or beyond the times of ROS")
+            self._note(None, [record], position, after)
+        elif isinstance(record, Metadata) and record.name == "rosbag2":
+            self.embedded = embedded_metadata(self.path.parent, record.metadata.get("serialized_metadata", "")) or self.embedded
+        else:
+            self._define(record)
 
-    def _note_piece(self, begin: int, end: int, head: ChunkHead | None, entries: Entries, is_checked: bool) -> None:
-        times = entries.log_times
-        piece = Piece(begin, end, head, min(times), max(times), self._note_entries(entries), is_checked)
-        self.pieces.append(piece)
-        for index in range(len(self.gaps) - 1, -1, -1):
-            if self.gaps[index].before_ns is not None:
-                break
-            self.gaps[index] = self.gaps[index]._replace(before_ns=piece.start_ns)
+    def _define(self, record: McapRecord | None) -> None:
+        if isinstance(record, Schema) and self._schemas.setdefault(record.id, record) != record:
+            self._redefined.add(f"the type {record.name[:80]}")
+        elif isinstance(record, Channel) and self._channels.setdefault(record.id, record) != record:
+            self._redefined.add(f"the topic {record.topic[:80]}")
 
-    def _note_entries(self, entries: Entries) -> range:
-        first = len(self.entries)
-        if (first + len(entries)) * Entries.SIZE > HELD_LIMIT:
-            raise InvalidInput(f"{self.path}: holds more messages than the limit of {HELD_LIMIT // Entries.SIZE}")
-        self.entries.extend(entries)
-        return range(first, len(self.entries))
-
-    def _note_definitions(self, schemas: dict[int, Schema], channels: dict[int, Channel], in_summary: bool = False) -> None:
-        if not in_summary and (schemas or channels):
-            self._redefined.append((len(self.pieces), schemas, channels))  # the messages of the next piece follow them
-        self._definitions += sum(len(one.data) for one in schemas.values()) + 100 * (len(schemas) + len(channels))
-        if self._definitions > HELD_LIMIT:
-            raise InvalidInput(f"{self.path}: its definitions of types are larger than the limit of {HELD_LIMIT} bytes")
-        for number, schema in schemas.items():
-            (self._summary_schemas if in_summary else self.schemas).setdefault(number, schema)
-        for number, channel in channels.items():
-            (self._summary_channels if in_summary else self.channels).setdefault(number, channel)
-
-    def _take(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Read the record at `position`; return where the next one begins. Raises Unsound."""
-        code, length = sound_record(stream, position, size)
-        begin, end = position + RECORD_HEAD.size, position + RECORD_HEAD.size + length
-        if code == CHUNK:
-            self._chunked = True
-            self._take_chunk(stream, position, end, size)
-        elif code == MESSAGE:
-            return self._take_loose(stream, position, size)
-        elif code == MESSAGE_INDEX and self._places is not None:
-            channel_id, entries = index_of(read(stream, begin, length))
-            expected = self._places.get(channel_id, array("Q"))
-            if entries != expected and sorted(zip(entries[::2], entries[1::2], strict=True)) != sorted(
-                zip(expected[::2], expected[1::2], strict=True)
-            ):
-                raise Unsound("a message index contradicts its chunk")
-        elif code == FOOTER:
-            self._take_footer(stream, position, end)
-            return end + len(MAGIC)
-        elif code == ATTACHMENT:
-            if checksum_of(stream, begin, end - 4) != int.from_bytes(read(stream, end - 4, 4), "little"):
-                raise Unsound("an attachment fails its checksum")
-        elif code <= LAST_KNOWN and code != MESSAGE_INDEX:
-            self._take_small(stream, position, end, parsed(code, read(stream, begin, length)))
-        return end
-
-    def _take_small(self, stream: BinaryIO, position: int, end: int, record: McapRecord) -> None:
-        in_summary = self._summary is not None
-        match record:
-            case Header(library=library):
-                self.library = library
-            case Schema():
-                self._note_definitions({record.id: record}, {}, in_summary)
-            case Channel():
-                self._note_definitions({}, {record.id: record}, in_summary)
-            case Statistics():
-                self.statistics = record
-            case ChunkIndex():
-                self._index[ChunkHead.of_index(record)] += 1
-            case Metadata():
-                self.metadata.append((record.name, record.metadata))
-            case DataEnd():
-                self._check_data(stream, position, record.data_section_crc)
-                self._summary = end
-
-    def _take_chunk(self, stream: BinaryIO, position: int, end: int, size: int) -> None:
-        self._places = None
-        places: dict[int, array[int]] = {}
-        schemas, channels, entries = {}, {}, Entries()
-        try:
-            head, content, is_checked = chunk_content(stream, position, end)
-            view = memoryview(content)
-            for code, begin, length in records(content):
-                if code == MESSAGE:
-                    channel_id, sequence, log_time, _ = message_head(content, begin, length)
-                    places.setdefault(channel_id, array("Q")).extend((log_time, begin - RECORD_HEAD.size))
-                    entries.append(channel_id, sequence, log_time, view[begin + 2 : begin + length])
-                elif code == SCHEMA:
-                    schema = parsed(SCHEMA, content[begin : begin + length])
-                    schemas[schema.id] = schema
-                elif code == CHANNEL:
-                    channel = parsed(CHANNEL, content[begin : begin + length])
-                    channels[channel.id] = channel
-        except Unsound as error:
-            # if a sound record follows, the length of the chunk can be trusted, and only the chunk is lost
-            try:
-                sound_record(stream, end, size)
-            except Unsound:
-                raise error from None
-            self.gaps.append(Gap(position, end, str(error), self._last_ns(), None))
-            self._suspects.append(_Suspect(position, end))
+    def _note(self, chunk: Chunk | None, messages: Sequence[Message], position: int, after: int) -> None:
+        """Note the messages of a chunk, or a message outside chunks."""
+        if not messages:
             return
-        self._places = places
-        self._note_definitions(schemas, channels)
-        if len(entries):
-            self._note_piece(position, end, head, entries, is_checked)
+        times = [message.log_time for message in messages]
+        piece = Piece(position, after, min(times), max(times))
+        index = self._listed.get(position)
+        if self._listed and (index is None or (index.message_start_time, index.message_end_time) != piece[2:]):
+            self.doubts.append(f"the chunk at byte {position} is not the one that the index lists")
+        last = self._pieces[-1] if self._pieces else None
+        if chunk is None and last is not None and last.end == position and after - last.begin <= _BLOCK:
+            self._pieces.pop()  # one piece with those before it
+            piece = Piece(last.begin, after, min(last.start_ns, piece.start_ns), max(last.end_ns, piece.end_ns))
+        self._pieces.append(piece)
+        if self.gaps and self.gaps[-1].before_ns is None:
+            self.gaps = [gap if gap.before_ns is not None else gap._replace(before_ns=min(times)) for gap in self.gaps]
+        self._unchecked += 0 if chunk is not None and chunk.uncompressed_crc else len(messages)
+        for message in messages:
+            self._counts[message.channel_id] += 1
+            self._numbers.setdefault(message.channel_id, array("I")).append(message.sequence)
 
-    def _take_loose(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Read the messages outside chunks that begin at `position`; return where they end, or where a gap after them ends."""
-        taken, begin, entries = [position], position, Entries()
-        unsound: Unsound | None = None
-        while position < size and position - begin < _LOOSE_RUN:
-            try:
-                code, length = sound_record(stream, position, size)
-            except Unsound as error:
-                unsound = error
-                break
-            if code != MESSAGE:
-                break
-            content = read(stream, position + RECORD_HEAD.size, length)
-            channel_id, sequence, log_time, _ = message_head(content, 0, length)
-            if position > begin and position + RECORD_HEAD.size + length - begin > HELD_LIMIT:
-                break
-            entries.append(channel_id, sequence, log_time, content[2:])
-            position += RECORD_HEAD.size + length
-            taken.append(position)
-        end = position
-        if unsound is not None and not isinstance(unsound, CutShort):
-            end = taken[-2]  # the last message has no checksum, and the damage after it may have begun in it
-            entries.pop()
-        if len(entries):
-            self._note_piece(begin, end, None, entries, False)
-        return position if unsound is None else self._skip(stream, end, size, str(unsound), position)
+    def _check_data(self, stream: BinaryIO, position: int, said: int) -> None:
+        if said:
+            self._holds = _checksum(stream, 0, position) == said
+            if not self._holds and not any(gap.begin < position for gap in self.gaps):
+                self._add_gap(0, position, "the data section fails its checksum")
 
-    def _check_data(self, stream: BinaryIO, position: int, expected: int) -> None:
-        if expected and not self.gaps:
-            self._holds = checksum_of(stream, 0, position) == expected
-            if not self._holds:
-                self.gaps.append(Gap(0, position, "the data section fails its checksum", None, None))
+    # --- what it amounts to ---
 
-    def _take_footer(self, stream: BinaryIO, position: int, end: int) -> None:
-        summary, _, expected = struct.unpack("<QQI", read(stream, position + 9, 20))
-        self.finished = True
-        if read(stream, end, len(MAGIC)) != MAGIC:
-            self.finished = False
-            raise Unsound("the file does not end as an MCAP file")
-        if summary and expected and (summary > position or checksum_of(stream, summary, position + 25) != expected):
-            self.gaps.append(Gap(min(summary, position), position, "the summary fails its checksum", self._last_ns(), None))
-            self.statistics = None
-            self._summary_channels, self._summary_schemas, self._index = {}, {}, Counter()
+    def _known(self, channel: Channel) -> bool:
+        """Whether the type of a channel is known; it may have been lost."""
+        return channel.schema_id in self._schemas or not self.gaps
 
-    def _search(self, stream: BinaryIO, suspect: _Suspect, size: int, confirmed: list[Piece]) -> None:
-        """Search a damaged part of the file for intact messages."""
-        region = self._region(stream, suspect, size, confirmed)
-        if region is None:
-            return
-        found = salvage.intact(region, self.channels.keys())
-        self.channels = found.channels | self.channels
-        self.schemas = found.schemas | self.schemas
-        for run in found.runs:
-            content, entries = read(stream, run.begin, run.end - run.begin), Entries()
-            for _, begin, length in records(content):
-                channel_id, sequence, log_time, _ = message_head(content, begin, length)
-                entries.append(channel_id, sequence, log_time, content[begin + 2 : begin + length])
-            first, last = min(entries.log_times), max(entries.log_times)
-            self.pieces.append(Piece(run.begin, run.end, None, first, last, self._note_entries(entries), False, salvaged=True))
-
-    def _region(self, stream: BinaryIO, suspect: _Suspect, size: int, confirmed: list[Piece]) -> salvage.DamagedPart | None:
-        """The records in a damaged part of the file; None if they are compressed, or too many."""
-        begin, end = suspect
-        first = min((piece.start_ns for piece in confirmed), default=0) - _DAY_NS
-        last = max((piece.end_ns for piece in confirmed), default=2**64) + _DAY_NS
-        opened, index = False, {}
-        code, length = RECORD_HEAD.unpack(read(stream, begin, RECORD_HEAD.size).ljust(RECORD_HEAD.size, b"\0"))
-        head = stream.read(CHUNK_HEAD.size + 8)
-        if code == CHUNK and len(head) == CHUNK_HEAD.size + 8:
-            start_ns, end_ns, _, _, names = CHUNK_HEAD.unpack_from(head)
-            if 0 < names <= 16 and length - CHUNK_HEAD.size - names < 2**40:
-                return None  # compressed
-            if names == 0 and length - len(head) == int.from_bytes(head[CHUNK_HEAD.size :], "little"):
-                begin += RECORD_HEAD.size + len(head)
-                first, last, opened = start_ns, end_ns, True
-                if suspect.begin + RECORD_HEAD.size + length == end:
-                    index = self._index_after(stream, end, size)
-        if end - begin > salvage.LARGEST:
-            return None
-        return salvage.DamagedPart(begin, read(stream, begin, end - begin), opened, end < size, first, last, index)
-
-    def _index_after(self, stream: BinaryIO, position: int, size: int) -> dict[int, dict[int, int]]:
-        """The message index that follows a chunk, as far as it is sound."""
-        found = {}
+    def _topic(self, channel: Channel) -> Topic:
+        where, schema = f"{self.path}: {channel.topic[:80]}", self._schemas.get(channel.schema_id)
+        if channel.message_encoding != "cdr":
+            raise InvalidInput(f"{where} is encoded as {channel.message_encoding[:80]!r}, expected ROS 2 messages (cdr)")
+        if schema is None:
+            raise InvalidInput(f"{where} has no type, expected that of a ROS 2 message")
         try:
-            while position < size:
-                code, length = sound_record(stream, position, size)
-                if code != MESSAGE_INDEX:
-                    break
-                channel_id, entries = index_of(read(stream, position + RECORD_HEAD.size, length))
-                found[channel_id] = dict(zip(entries[1::2], entries[::2], strict=True))
-                position += RECORD_HEAD.size + length
-        except Unsound:
-            pass  # the rest is damaged
+            profiles = profiles_from(channel.metadata.get("offered_qos_profiles", ""))
+        except ValueError as error:
+            raise InvalidInput(f"{where} has QoS profiles that are not those of rosbag2: {error}") from error
+        hash_text = channel.metadata.get("topic_type_hash", "")
+        count = self._counts[channel.id]
+        return Topic(channel.topic, schema.name, profiles, hash_text, count, definition_of(schema))
+
+    def _by_topic(self, counts: dict[int, int]) -> Counter[str]:
+        found: Counter[str] = Counter()
+        for number, count in counts.items():
+            if number in self.topics:
+                found[self.topics[number].name] += count
         return found
 
-    def _next_sound(self, stream: BinaryIO, position: int, size: int) -> int:
-        """Where the first trustworthy record at or after `position` begins; the size of the file if there is no such record."""
-        overlap = RECORD_HEAD.size - 1
-        while position < size:
-            block = read(stream, position, BLOCK + overlap)
-            for match in _CANDIDATE.finditer(block):
-                if match.start() < BLOCK and self._trusted(stream, position + match.start(), size):
-                    return position + match.start()
-            position += BLOCK
-        return size
+    def _expected(self) -> Counter[str] | None:
+        unknown = sum(count for number, count in self._counts.items() if number not in self.topics)
+        if self._statistics is None:
+            # the checksum over all says that nothing was lost
+            return self.counts + Counter({UNKNOWN_TOPIC: unknown}) if self._holds else None
+        said = self._statistics.channel_message_counts
+        total, found = self._statistics.message_count, self.counts.total() + unknown
+        if total != (sum(said.values()) if said else found):
+            self.doubts.append(f"the file says it holds {total} messages, but there are {sum(said.values()) or found}")
+        expected = self._by_topic(said or self._counts)
+        return expected + Counter({UNKNOWN_TOPIC: total - expected.total()})
 
-    def _trusted(self, stream: BinaryIO, position: int, size: int) -> bool:
-        """Whether what looks like a record is one. A message has little structure, so two sound records must follow it."""
-        following, definitions = 2, _DEFINITIONS
-        try:
-            while following and definitions and position < size - len(MAGIC):
-                code, length = sound_record(stream, position, size)
-                if code > LAST_KNOWN:
-                    return False
-                if self._chunked and code in (SCHEMA, CHANNEL):  # of the summary; or of a chunk, then messages follow
-                    definitions -= 1
-                elif code != MESSAGE:
-                    return True
-                elif self._chunked:  # it would be part of a chunk that fails its checksum
-                    return False
-                else:
-                    following -= 1
-                position += RECORD_HEAD.size + length
-        except Unsound:
-            return False
-        return True
-
-    def _sorted(self, stream: BinaryIO, piece: Piece, wanted: Callable[[int], bool], last: Standing) -> Iterator[Message]:
-        """The messages of a piece in order of log time, up to a standing."""
-        standings = [STANDINGS[value] for value in self.standings[piece.entries.start : piece.entries.stop].tolist()]
-        channels = set(self.entries.channels[piece.entries.start : piece.entries.stop])
-        if all(standing > last for standing in set(standings)) or not any(map(wanted, channels)):
-            return
-        times = self.entries.log_times[piece.entries.start : piece.entries.stop]
-        try:
-            content = self._content(stream, piece)
-            places = array("Q", (begin for code, begin, _ in records(content) if code == MESSAGE))
-        except Unsound as error:
-            raise OSError(0, f"changed while it was read ({error})") from error
-        if len(places) != len(times):
-            raise OSError(0, "changed while it was read")
-        for number in np.argsort(np.asarray(times), kind="stable").tolist():
-            begin = places[number]
-            (channel_id,) = CHANNEL_ID.unpack_from(content, begin)
-            if wanted(channel_id) and standings[number] <= last:
-                (length,) = LENGTH.unpack_from(content, begin - LENGTH.size)
-                data = content[begin + MESSAGE_HEAD.size : begin + length]
-                yield Message(times[number], channel_id, data, standings[number])
-
-    def _content(self, stream: BinaryIO, piece: Piece) -> bytes:
-        if piece.head is not None:
-            return chunk_content(stream, piece.begin, piece.end)[1]
-        return read(stream, piece.begin, piece.end - piece.begin)
-
-    # --- what speaks against messages ---
-
-    def _judged(self) -> Standings:
-        """The standing of each message, as far as this file alone shows it."""
-        found = np.zeros(len(self.entries), np.uint8)
-        channels, times = np.asarray(self.entries.channels), np.asarray(self.entries.log_times)
-        unchecked = self.is_damaged and not self._holds
-        for piece in self.pieces:
-            if piece.salvaged:
-                found[piece.entries] = Standing.SALVAGED
-            elif unchecked and not piece.is_checked:
-                found[piece.entries] = Standing.UNCHECKED
-        marked = [number for number, channel in self.channels.items() if UNCONFIRMED in channel.metadata]
-        found[np.isin(channels, marked) & (found == Standing.SOUND)] = Standing.MARKED
-        for topic, text in (item for name, texts in self.metadata if name == _OLD_MARK for item in texts.items()):
-            numbers = [number for number, channel in self.channels.items() if channel.topic == topic]
-            span = _SPAN.fullmatch(text)
-            first, last = map(int, span.groups()) if span is not None else (0, LATEST_NS)
-            found[np.isin(channels, numbers) & (times >= first) & (times <= last)] = Standing.MARKED
-        if strangers := self._strangers():
-            strange = np.zeros(len(found), bool)
-            for number in strangers:
-                strange[self.pieces[number].entries] = True
-            digests = np.asarray(self.entries.digests)
-            if (strange & ~np.isin(digests, digests[~strange])).sum() > AMBIGUOUS * len(found):
-                found[found == Standing.SOUND] = Standing.UNCHECKED  # nothing shows which recording is that of the file
-            found[strange] = Standing.FOREIGN
-        unknown = ~np.isin(channels, list(self.channels))
-        found[unknown] = Standing.UNKNOWN
-        return found
-
-    def _strangers(self) -> set[int]:
-        """The pieces that belong to another recording.
-
-        They define a channel otherwise than the rest of the file, or the file's index does not list them. Where the file has no
-        index, they break the order of time, which all other chunks keep.
-        """
-        found = set()
-        for number, schemas, channels in self._redefined:
-            if any(self.schemas[one] != schema for one, schema in schemas.items()) or any(
-                self.channels[one] != channel for one, channel in channels.items()
-            ):
-                found.add(number)
-        found &= {*range(len(self.pieces))}
-        sound = [number for number, piece in enumerate(self.pieces) if not piece.salvaged]
-        if self.finished and self._index:
-            listed = Counter(self._index)
-            for number in sound:
-                head = self.pieces[number].head
-                if head is not None and not listed[head]:
-                    found.add(number)
-                elif head is not None:
-                    listed[head] -= 1
-            return found
-        tolerance = _ORDER_NS.get(self.library, _LOOSE_ORDER_NS)
-        pieces = [self.pieces[number] for number in sound]
-        return found | {sound[number] for number in self._disordered(pieces, tolerance)}
-
-    def _disordered(self, pieces: Sequence[Piece], tolerance_ns: int) -> set[int]:
-        """The pieces outside the longest part of the file that keeps the order of time, and those as likely to be so."""
-        in_order_ = _longest(pieces, tolerance_ns)
-        if self.gaps and len(in_order_) > 2:
-            in_order_ = self._largest_part(pieces, in_order_)
-        kept, left_out = set(in_order_), []
-        for number, piece in enumerate(pieces):
-            if number in kept:
-                continue
-            left_out.append(number)
-            place = bisect_right(in_order_, number)
-            against = [one for one in in_order_[max(0, place - 2) : place] if not _follow(pieces[one], piece, tolerance_ns)]
-            against += [one for one in in_order_[place : place + 2] if not _follow(piece, pieces[one], tolerance_ns)]
-            if len(against) == 1 and not self._copies(piece, pieces[against[0]]):
-                left_out.append(against[0])  # one of the two is wrong, and nothing shows which
-        return set(left_out)
-
-    def _largest_part(self, pieces: Sequence[Piece], numbers: list[int]) -> list[int]:
-        """The largest part of a damaged file between pauses that no recording has."""
-        pauses = [pieces[after].start_ns - pieces[before].end_ns for before, after in itertools.pairwise(numbers)]
-        usual = sorted(pauses)[-2]
-        parts: list[list[int]] = [[numbers[0]]]
-        for number, pause in zip(numbers[1:], pauses, strict=True):
-            if pause > max(LONG_PAUSE_NS, LONG_PAUSE_RATIO * usual):
-                parts.append([])
-            parts[-1].append(number)
-        return max(parts, key=lambda part: sum(len(pieces[number].entries) for number in part))
-
-    def _copies(self, first: Piece, second: Piece) -> bool:
-        digests = [set(self.entries.digests[one.entries.start : one.entries.stop]) for one in (first, second)]
-        return digests[0] <= digests[1] or digests[1] <= digests[0]
+    def _missing_numbers(self) -> Counter[str]:
+        """The messages of each topic that were numbered and are not there; what else is wrong with the numbers is a doubt."""
+        missing: Counter[str] = Counter()
+        for name, first in self.first_numbers.items():
+            parts = [self._numbers[number] for number, one in self.topics.items() if one.name == name and self._counts[number]]
+            values = np.concatenate([np.zeros(0, np.int64), *parts]).astype(np.int64)
+            if len(parts) > 1:
+                values.sort()  # the types of one topic share their numbers
+            steps = np.diff(values, prepend=first - 1)
+            if strange := int(((steps < 1) | (steps > STRANGE)).sum()):
+                what = f"{counted(strange, 'message')} of {name[:80]}"
+                self.doubts.append(f"the numbers of {what} do not follow: copies, another order, or another recording")
+            missing[name] = int((steps - 1)[(steps > 1) & (steps <= STRANGE)].sum())
+        return +missing
 
 
-def _follow(first: Piece, second: Piece, tolerance_ns: int) -> bool:
-    """Whether one piece can stand before another one."""
-    return second.start_ns >= first.end_ns - tolerance_ns
+def definition_of(schema: Schema) -> Definition:
+    """The text of a schema; bytes that are not UTF-8 are replaced."""
+    return Definition(schema.encoding, schema.data.decode("utf-8", "replace"))
 
 
-def _longest(pieces: Sequence[Piece], tolerance_ns: int) -> list[int]:
-    """The pieces that keep the order of time and hold the most messages."""
-    best: list[tuple[int, int, int]] = []  # end, messages, piece: the best ends, both numbers growing
-    before: dict[int, int] = {}
-    for number, piece in enumerate(pieces):
-        place = bisect_right(best, (piece.start_ns + tolerance_ns, LATEST_NS, 0))
-        count = len(piece.entries)
-        if place:
-            count += best[place - 1][1]
-            before[number] = best[place - 1][2]
-        place = bisect_right(best, (piece.end_ns, LATEST_NS, 0))
-        if place and best[place - 1][1] >= count:
-            continue
-        insort(best, (piece.end_ns, count, number))
-        place = bisect_right(best, (piece.end_ns, count, number))
-        while place < len(best) and best[place][1] <= count:
-            del best[place]
-    found = [best[-1][2]] if best else []
-    while found and found[-1] in before:
-        found.append(before[found[-1]])
-    return found[::-1]
+def _checksum(stream: BinaryIO, begin: int, end: int) -> int:
+    stream.seek(begin)
+    value = 0
+    while begin < end and (block := stream.read(min(_BLOCK, end - begin))):
+        value = zlib.crc32(block, value)
+        begin += len(block)
+    return value
 
 
 class GrowingFile:
@@ -673,25 +415,22 @@ class GrowingFile:
         size = self.path.stat().st_size
         try:
             with self.path.open("rb") as stream:
-                while True:
-                    try:
-                        code, length = sound_record(stream, self._position, size)
-                    except CutShort:
-                        return found
-                    begin = self._position + RECORD_HEAD.size
-                    content = chunk_content(stream, self._position, begin + length)[1] if code == CHUNK else b""
-                    if code in (SCHEMA, CHANNEL):
-                        stream.seek(begin)
-                        self._define(code, stream.read(length))
-                    for inner, at, size_of in records(content):
-                        if inner in (SCHEMA, CHANNEL):
-                            self._define(inner, content[at : at + size_of])
-                        elif inner == MESSAGE:
-                            channel_id, _, log_time, _ = message_head(content, at, size_of)
-                            found.append(Message(log_time, channel_id, content[at + MESSAGE_HEAD.size : at + size_of]))
-                    self._position = begin + length
+                while self._position < size:
+                    following = end_of_record(stream, self._position, size)
+                    record = read_record(stream, self._position, following)
+                    for one in inner_records(record) if isinstance(record, Chunk) else [record]:
+                        if isinstance(one, Schema):
+                            self._schemas.setdefault(one.id, one)
+                        elif isinstance(one, Channel):
+                            self.channels.setdefault(one.id, one)
+                        elif isinstance(one, Message):
+                            found.append(one)
+                    self._position = following
+        except CutShort:
+            return found
         except Unsound as error:
             raise ValueError(f"{self.path}: {error}") from error
+        return found
 
     def decoded(self, message: Message) -> Any:
         """The content of a message, by the definition in the file.
@@ -706,11 +445,3 @@ class GrowingFile:
                 raise ValueError(f"{self.path}: {self.channels[message.channel_id].topic[:80]} has no type")
             self._decoders[message.channel_id] = Decoder(schema.name, definition_of(schema))
         return self._decoders[message.channel_id](message.data)
-
-    def _define(self, code: int, content: bytes) -> None:
-        if code == SCHEMA:
-            schema = parsed(SCHEMA, content)
-            self._schemas.setdefault(schema.id, schema)
-        else:
-            channel = parsed(CHANNEL, content)
-            self.channels.setdefault(channel.id, channel)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pushfric_core.bags.contents import Standing
 from pushfric_core.bags.parts import PATTERNS
 from pushfric_core.bags.rosbag2_metadata import METADATA
 from pushfric_core.bags.run_record import RunRecord, content
@@ -33,9 +32,7 @@ from pushfric_core.trajectories.ledger import (
     OBSERVATIONS,
     POSES,
     REFUSED,
-    REPEATED,
     STATES,
-    UNCONFIRMED,
     WRENCHES,
     Ledger,
 )
@@ -330,15 +327,12 @@ def _account(
 
 
 def _enter_unread(bag: "Bag", source: ObservationSource, ledger: Ledger) -> None:
-    """Enter the messages that are not read: of other cells, copies, and those that nothing confirms."""
+    """Enter the messages of other cells, which are not read."""
     kinds = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES, "observation": OBSERVATIONS}
-    reasons = {Standing.SALVAGED: UNCONFIRMED, Standing.FOREIGN: UNCONFIRMED, Standing.DOUBLED: REPEATED}
-    for standing, counts in bag.standings.items():
-        for topic, count in counts.items():
-            namespace, _, name = topic.rpartition("/")
-            reason = FOREIGN if namespace != source.namespace else reasons.get(standing)
-            if name in kinds and reason is not None:
-                ledger.accounts[kinds[name]].enter(reason, count)
+    for topic in bag.summary.topics:
+        namespace, _, name = topic.name.rpartition("/")
+        if name in kinds and namespace != source.namespace:
+            ledger.accounts[kinds[name]].enter(FOREIGN, topic.message_count)
 
 
 def _is_recorded(path: pathlib.Path, model: ObjectModel) -> bool:

@@ -103,7 +103,7 @@ class Resumption:
                 self.published.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
             elif name in self._inputs:
                 self._recorded[name] = stamp_from_msg(msg.header.stamp)
-                found.append(Input(name, msg, message.log_time_ns))
+                found.append(Input(name, msg, message.log_time))
         return found
 
 

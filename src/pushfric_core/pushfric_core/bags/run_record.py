@@ -181,7 +181,7 @@ class RunRecord:
             return
         try:
             rests_on, rejected = content(
-                self._bag, self._last, lambda msg: (int(msg.data_points), {one.push_id for one in getattr(msg, "rejected", ())})
+                self._bag, self._last, lambda msg: (int(msg.data_points), {one.push_id for one in msg.rejected})
             )
         except (ValueError, InvalidInput):
             return

@@ -2,24 +2,22 @@
 
 import pathlib
 import urllib.parse
+from collections import Counter
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
 import apsw
-import numpy as np
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-from pushfric_core.bags.agreement import UNKNOWN_TOPIC
-from pushfric_core.bags.contents import LAST_READ, LAST_SAVED, BagMessage, Definition, Entries, Standing, Topic
-from pushfric_core.bags.mcap_file import Gap
-from pushfric_core.bags.mcap_records import HELD_LIMIT
+from pushfric_core.bags.contents import UNKNOWN_TOPIC, BagMessage, Definition, Gap, Topic
 from pushfric_core.bags.offered_qos import SECOND_NS, OfferedQos
 from pushfric_core.bags.rosbag2_metadata import BagMetadata
 from pushfric_core.errors import InvalidInput
 
-_COUNTS = """SELECT count(*), sum(topic_id IN (SELECT id FROM topics)), max(length(data)) FROM messages"""
+_SUMMARY = "SELECT ifnull(min(timestamp), 0), ifnull(max(timestamp), 0), count(*) FROM messages"
+_COUNTS = "SELECT topic_id, count(*) FROM messages WHERE topic_id IN (SELECT id FROM topics) GROUP BY topic_id"
 
 ENCODINGS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl", MessageDefinitionFormat.NONE: ""}
 
@@ -32,47 +30,36 @@ class SqliteFile:
     """
 
     embedded: BagMetadata | None = None
-    library = ""
 
     def __init__(self, path: pathlib.Path) -> None:
         self.path = path
         self.gaps: list[Gap] = []
         self.doubts: list[str] = []
+        self.expected: Counter[str] | None = None
         self.first_numbers: dict[str, int] = {}
-        self.entries = Entries()
         with self._opened() as reader:
-            self.topics = {n: _topic(path, connection) for n, connection in enumerate(reader.connections)}
-            self._numbers = {connection.id: n for n, connection in enumerate(reader.connections)}
             assert reader.dbconn is not None
             (finding,) = next(iter(reader.dbconn.execute("PRAGMA quick_check(1)")))
-            ((count, of_topics, largest),) = reader.dbconn.execute(_COUNTS)
-            if max(count * Entries.SIZE, largest or 0) > HELD_LIMIT:
-                what = f"{count} messages of up to {largest} bytes"
-                raise InvalidInput(f"{path}: holds {what}, more than the limit of {HELD_LIMIT} bytes allows")
-            for connection, stamp, raw in reader.messages(reader.connections) if reader.connections else ():
-                stamps = stamp.to_bytes(8, "little") * 2
-                self.entries.append(self._numbers[connection.id], 0, stamp, b"\0\0\0\0" + stamps + raw)
-        self.standings = np.full(len(self.entries), Standing.SOUND if finding == "ok" else Standing.UNCHECKED, np.uint8)
-        self.expected = {UNKNOWN_TOPIC: count - of_topics} if count > of_topics else None
+            ((self.start_ns, self.end_ns, total),) = reader.dbconn.execute(_SUMMARY)
+            counts = dict(reader.dbconn.execute(_COUNTS))
+            self.topics = {one.id: _topic(path, one, counts.get(one.id, 0)) for one in reader.connections}
+        self.counts: Counter[str] = Counter()
+        for topic in self.topics.values():
+            self.counts[topic.name] += topic.message_count
+        self.missing = +Counter({UNKNOWN_TOPIC: total - self.counts.total()})
         log = path.with_name(f"{path.name}-wal")
-        times = self.entries.log_times
-        self.held = [(min(times), max(times), largest)] if times else []
-        last = max(times, default=0)
         if finding != "ok":
             self.gaps.append(Gap(0, path.stat().st_size, f"SQLite says: {' '.join(finding.split())[:160]}", None, None))
+            self.doubts.append("messages may be missing, or differ from what was recorded")
         if log.is_file() and log.stat().st_size:
-            self.doubts.append("messages may be missing")
-            self.gaps.append(Gap(0, 0, f"the recording was cut short, part of it is in {log.name}", last, None))
+            self.doubts.append(f"the recording was cut short, part of it is in {log.name}: messages may be missing")
 
-    def read(self, topics: Collection[str] | None, unconfirmed: bool) -> Iterator[BagMessage]:
-        """Messages in order of log time."""
-        last = LAST_SAVED if unconfirmed else LAST_READ
+    def messages(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
+        """The messages of these topics, or of all, in order of log time."""
         with self._opened() as reader:
-            every = reader.messages(reader.connections) if reader.connections else ()  # counted as before
-            for number, (connection, stamp, raw) in enumerate(every):
-                standing = Standing(self.standings[number])
-                if standing <= last and (topics is None or connection.topic in topics):
-                    yield BagMessage(connection.topic, connection.msgtype, stamp, bytes(raw), standing.doubt)
+            wanted = [one for one in reader.connections if topics is None or one.topic in topics]
+            for connection, stamp, raw in reader.messages(wanted) if wanted else ():
+                yield BagMessage(connection.topic, connection.msgtype, stamp, bytes(raw))
 
     @contextmanager
     def _opened(self) -> Iterator[Sqlite3Reader]:
@@ -87,7 +74,7 @@ class SqliteFile:
             raise InvalidInput(f"{self.path}: the database cannot be read: {' '.join(str(error).split())[:160]}") from error
 
 
-def _topic(path: pathlib.Path, connection: Connection) -> Topic:
+def _topic(path: pathlib.Path, connection: Connection, count: int) -> Topic:
     ext = connection.ext
     if not isinstance(ext, ConnectionExtRosbag2) or ext.serialization_format != "cdr":
         raise InvalidInput(f"{path}: {connection.topic[:80]} does not hold ROS 2 messages (cdr)")
@@ -95,4 +82,4 @@ def _topic(path: pathlib.Path, connection: Connection) -> Topic:
         OfferedQos.of_policies(qos, lambda time: time.sec * SECOND_NS + time.nsec) for qos in ext.offered_qos_profiles
     )
     text = Definition(ENCODINGS[connection.msgdef.format], connection.msgdef.data)
-    return Topic(connection.topic, connection.msgtype, profiles, connection.digest, 0, text)
+    return Topic(connection.topic, connection.msgtype, profiles, connection.digest, count, text)

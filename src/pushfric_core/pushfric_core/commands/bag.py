@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pushfric_core.bags.bag import Bag, each
-from pushfric_core.bags.contents import Standing
+from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.recorded import Recorded, cells
 from pushfric_core.bags.recovery import recover as recovered
 from pushfric_core.commands.application import Application
@@ -28,29 +27,15 @@ def recover(
         pathlib.Path, typer.Argument(help="Bag that was damaged or cut short, or one of its files.", show_default=False)
     ],
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write: the new bag.", show_default=False)],
-    only_confirmed: Annotated[
-        bool,
-        typer.Option("--only-confirmed", help="Leave out messages that nothing confirms."),
-    ] = False,
 ) -> None:
     """Save everything that can be read of a damaged bag into a new one, and say what is lost.
 
-    Copies are dropped. Messages that nothing confirms are marked, and the new bag is then read with --partial only: those that
-    the damage of an uncompressed chunk does not seem to have reached, those without a checksum, and those that do not belong to
-    the recording around them. Exit code 1: what was saved does not add up.
+    What is saved are whole chunks, before and after the damage; the new bag notes what was wrong. Exit code 1: what was saved
+    does not add up.
     """
-    bag = recovered(damaged, out, unconfirmed=not only_confirmed)
+    bag = recovered(damaged, out)
     _print(bag, console)
-    unconfirmed = bag.doubtful
-    saved = bag.standings[Standing.SOUND].total() + (0 if only_confirmed else unconfirmed.total())
-    say(f"{out}: {counted(saved, 'message')} saved")
-    if unconfirmed and only_confirmed:
-        say(f"{out}: {counted(unconfirmed.total(), 'message')} left out: {each(unconfirmed)}")
-    elif unconfirmed:
-        say(
-            f"{out}: nothing confirms {unconfirmed.total()} of them: {each(unconfirmed)}; --partial reads them,"
-            " --only-confirmed leaves them out here",
-        )
+    say(f"{out}: {counted(bag.summary.message_count, 'message')} saved")
     doubts = _doubts(Bag(out))
     _warn_of(out, doubts)
     if doubts:
@@ -65,8 +50,7 @@ def verify(
     """Read every byte of a bag, and say whether it is whole and its messages add up.
 
     Checked are checksums, lengths and indexes, the files' numbers, names, times and order, metadata.yaml, the number of
-    messages of each topic, copies, messages of other recordings, and gaps in the messages' numbers. docs/files.md says what
-    cannot be known.
+    messages of each topic, and the messages' own numbers. docs/files.md says what cannot be known.
 
     Exit code 0: they do; 1: it is damaged, or they do not; 2: it is not a bag.
     """
@@ -108,11 +92,5 @@ def _print(bag: Bag, output: Console) -> None:
     output.print(bag.what_is_missing(with_places=False), markup=False)
     for file, gap in bag.damage.gaps:
         output.print(f"{file.name}, bytes {gap.begin} to {gap.end}: {gap.reason}, {bag.when(gap)}", markup=False)
-    if bag.damage.unconfirmed:
-        output.print(
-            f"intact in damaged chunks, though no checksum confirms it: {each(bag.damage.unconfirmed)};"
-            " `pushfric bag recover` saves them",
-            markup=False,
-        )
     for contradiction in bag.damage.contradictions:
         output.print(contradiction, markup=False)

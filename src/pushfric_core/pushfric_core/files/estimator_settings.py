@@ -13,7 +13,7 @@ from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.files.file_errors import shortened
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.settings import AUTO, merged, read, setting
+from pushfric_core.settings import merged, read, setting
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
 
@@ -115,6 +115,4 @@ class EstimatorSettings:
             raise ValueError("the estimator's settings must be a JSON object, got lists within lists") from error
         if not isinstance(values, dict):
             raise ValueError(f"the estimator's settings must be a JSON object, got {shortened(text)}")
-        # True of 0.1.0 is auto: these settings gave way to a solver that cannot do it
-        values |= {name: AUTO for name in ("tie_break", "confidence", "screening") if values.get(name) is True}
         return cls.from_parameters(values)

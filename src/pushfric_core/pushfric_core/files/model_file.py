@@ -62,7 +62,7 @@ class DataPointFile(Strict):
     twist: tuple[float, float, float]
     push_id: int
     half_width: Positive = 0.0
-    duration: Positive | None = None  # [s]; 0 in files of version 0.1.0: not known
+    duration: Positive | None = None  # [s]
     stamp: int = 0
     pose: tuple[float, float, float] | None = None  # in the table frame
     force: tuple[float, float] | None = None
@@ -158,7 +158,7 @@ class ModelFile(Strict):
                 Twist(*point.twist),
                 point.push_id,
                 half_width=point.half_width,
-                duration=point.duration or None,
+                duration=point.duration,
                 stamp=point.stamp,
                 pose=None if point.pose is None else Pose(*point.pose),
                 force=point.force,

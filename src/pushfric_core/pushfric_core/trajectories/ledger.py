@@ -24,7 +24,6 @@ OUT_OF_ORDER = "out of order"
 REPEATED = "repeated"
 REFUSED = "refused"
 FOREIGN = "foreign namespace"
-UNCONFIRMED = "unconfirmed"
 EXCLUDED = "excluded"
 LEFT_OUT = "left out by screening"
 WAITING = "waiting"
@@ -44,7 +43,6 @@ REASONS = {
     REPEATED: "it has the stamp of the message before, and nothing new",
     REFUSED: "its values are impossible, or say nothing",
     FOREIGN: "it belongs to another cell",
-    UNCONFIRMED: "no checksum confirms it",
     EXCLUDED: "its push is excluded by a person or by the settings",
     LEFT_OUT: "its push is unlike the others",
     WAITING: "it was not judged yet",
@@ -53,7 +51,7 @@ REASONS = {
 }
 """Meaning of each account."""
 
-LOST = frozenset((AHEAD, OUT_OF_ORDER, REFUSED, FOREIGN, UNCONFIRMED))
+LOST = frozenset((AHEAD, OUT_OF_ORDER, REFUSED, FOREIGN))
 """Accounts that stay empty in a sound run. A message in one of them is a doubt."""
 
 MOST_EVENTS = 100

@@ -7,8 +7,6 @@ from typing import NamedTuple
 class ReasonCode(StrEnum):
     """Codes of reasons; pushfric_msgs/Reason has the same names."""
 
-    UNKNOWN = auto()  # recorded by version 0.1.0, which had no codes
-
     # the pushes do not show how far p_CF is off
     FEW_PUSHES = auto()
     FEW_PLACES = auto()

@@ -9,7 +9,6 @@ from typing import Any
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
 from pushfric_core.bags.contents import Topic
-from pushfric_core.bags.former import FORMER
 from pushfric_core.errors import InvalidInput
 
 
@@ -31,18 +30,12 @@ def recorded_class(topic: Topic) -> type:
     """The installed class of a recorded topic.
 
     Raises:
-        InvalidInput: the type is not installed, or not with the definition that the bag was recorded with, and pushfric knows
-            no former one.
+        InvalidInput: the type is not installed, or not with the definition that the bag was recorded with.
     """
     installed = message_class(topic.type_name)
-    if is_former(topic) and topic.type_name not in FORMER:
+    if topic.type_hash and topic.type_hash != type_hash(topic.type_name):
         raise InvalidInput(f"{topic.name}: was recorded with another definition of {topic.type_name} than the one installed")
     return installed
-
-
-def is_former(topic: Topic) -> bool:
-    """Whether a topic was recorded with another definition of its type than the one installed."""
-    return bool(topic.type_hash) and topic.type_hash != type_hash(topic.type_name)
 
 
 def type_hash(type_name: str) -> str:

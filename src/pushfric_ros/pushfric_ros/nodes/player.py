@@ -17,14 +17,12 @@ from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import SetBool
 
 from pushfric_core.bags.bag import Bag
-from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.contents import BagMessage, Topic
-from pushfric_core.bags.run_record import content
 from pushfric_core.cell.node_settings import PlayerConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
 from pushfric_ros.messages.qos import Durability
-from pushfric_ros.messages.types import is_former, recorded_class
+from pushfric_ros.messages.types import recorded_class
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
@@ -69,7 +67,6 @@ class PlayerNode(Node):
             raise InvalidInput(f"{config.bag}: start must lie within its {length:.3f} s, got {config.start}")
         played = self._chosen(summary.topics)
         classes = [recorded_class(topic) for topic in played]
-        self._former = {topic.name for topic in played if is_former(topic)}
         qos = {topic.name: _offered(topic) for topic in played}
         self._diagnostics = Diagnostics(self, self._health)
         self._outputs: dict[str, Publisher] = {
@@ -199,8 +196,7 @@ class PlayerNode(Node):
         return self._anchor_bag_ns + round((self._wall.now().nanoseconds - self._anchor_wall_ns) * self._config.rate)
 
     def _publish(self, message: BagMessage) -> None:
-        raw = content(self._bag, message, encoder(message.type_name)) if message.topic in self._former else message.raw
-        self._outputs[message.topic].publish(raw)
+        self._outputs[message.topic].publish(message.raw)
         self._count += 1
 
     def _publish_clock(self) -> None:
