@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.paper import pushes
 from bench.verdict import Verdict
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.estimate import Estimate
@@ -19,7 +20,6 @@ from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict
 from pushfric_core.mechanics.simulation import PushedObject, pushed_motion
 from pushfric_core.mechanics.strokes import predict_strokes
-from pushfric_core.paper import experiments, trials
 
 SEEDS, STROKES = 3, 12
 """For each object: how often its friction is estimated, and the number of strokes that are predicted from each estimate."""
@@ -77,7 +77,7 @@ def _strokes(name: str) -> Figures:
     offsets, angles, kinds = [], [], set()
     for seed in range(SEEDS):
         rng = np.random.default_rng((seed, list(TABLE_1).index(name)))
-        plan = experiments.plan(name)
+        plan = pushes.plan(name)
         chosen = [plan[index] for index in sorted(rng.permutation(len(plan))[:PUSHES].tolist())]
         model, kind = learned(name, chosen, seed)
         kinds.add(kind)
@@ -104,8 +104,8 @@ def learned(name: str, plan: list[PlannedPush], seed: int) -> tuple[FrictionMode
 
 def estimated(name: str, plan: list[PlannedPush], seed: int) -> Estimate:
     """The estimate from some pushes."""
-    data = experiments.watch(name, experiments.motions(name, plan, seed), seed)
-    return trials.estimated(data, TABLE_1[name].support_points, EstimatorConfig())[1]
+    data = pushes.watch(name, pushes.motions(name, plan, seed), seed)
+    return pushes.estimated(data, TABLE_1[name].support_points, EstimatorConfig())[1]
 
 
 def _ends(name: str, model: FrictionModel, rng: np.random.Generator) -> Iterator[tuple[Pose, Array]]:

@@ -10,6 +10,7 @@ from rich.table import Table
 from scipy.optimize import minimize
 
 from bench.display import pivot_table, plain_tables
+from bench.paper.pushes import estimated
 from bench.real_pushes import GRIDS, OUTLINE, TRUE, TRUTH, support_points
 from pushfric_core.datasets import stablepush, zhou2015
 from pushfric_core.estimation.estimator import EstimatorConfig
@@ -19,7 +20,6 @@ from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.limit_surface import Ellipsoid
 from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict, stability
 from pushfric_core.mechanics.surface_models import NamedEllipsoid, named_ellipsoid
-from pushfric_core.paper.trials import estimated
 from pushfric_core.trajectories.observation import Observation
 
 RADIUS = 0.05

@@ -14,6 +14,8 @@ import numpy as np
 from rich.table import Table
 from shapely.geometry import Point
 
+from bench.paper.pushes import estimated
+from bench.paper.tables import markdown
 from bench.prediction import Pushes, ellipsoid_motions
 from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, Twist, predict_strokes
 from pushfric_core.bags.recorded import Recorded
@@ -33,8 +35,6 @@ from pushfric_core.mechanics.prediction import friction_model
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.mechanics.strokes import STEP
 from pushfric_core.mechanics.surface_models import named_ellipsoid
-from pushfric_core.paper.tables import markdown
-from pushfric_core.paper.trials import estimated
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.spread import ELLIPSE
 

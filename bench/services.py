@@ -23,6 +23,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from bench import pipeline, planning
+from bench.paper import pushes
 from bench.processes import running
 from bench.verdict import Verdict
 from pushfric_core.bags.samples import stamp_from_msg
@@ -30,7 +31,6 @@ from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.estimation.verdict import Verdict as EstimateVerdict
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.prediction import friction_model
-from pushfric_core.paper import experiments
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, FrictionModel, Heartbeat, PusherState
 from pushfric_msgs.srv import PredictPush
@@ -196,7 +196,7 @@ def _crowd() -> Figures:
     """Many clients of a planner that has only its topic."""
     name = pipeline.OBJECT
     known = TABLE_1[name]
-    estimate = planning.estimated(name, experiments.plan(name)[: planning.PUSHES], 0)
+    estimate = planning.estimated(name, pushes.plan(name)[: planning.PUSHES], 0)
     msg = friction_model_to_msg(name, known.outline, estimate, friction_model(estimate), EstimateVerdict())
     asked = question(EACH)
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:

@@ -11,6 +11,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from bench.paper.pushes import estimated
 from bench.public_pushes import Line, line_of
 from bench.verdict import Verdict
 from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, export, predict_strokes
@@ -22,7 +23,6 @@ from pushfric_core.files.observation_file import read_observations
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.prediction import friction_model
-from pushfric_core.paper.trials import estimated
 
 SPEED = 0.01
 """Of the tip [m/s]: slow enough to be quasi-static."""

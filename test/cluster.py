@@ -1,4 +1,4 @@
-"""A Dask cluster of two worker processes on this machine."""
+"""A Dask cluster of two worker processes on this machine, which find what is in the checkout."""
 
 import contextlib
 import os
@@ -8,6 +8,8 @@ import sys
 from collections.abc import Iterator
 
 import psutil
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 CLUSTER = """
 import sys
@@ -26,7 +28,8 @@ def local_cluster(folder: pathlib.Path) -> Iterator[str]:
         folder: for the workers' files.
     """
     command = [sys.executable, "-c", CLUSTER]
-    environment = os.environ | {"DASK_TEMPORARY_DIRECTORY": str(folder)}
+    paths = os.pathsep.join((str(ROOT), os.environ.get("PYTHONPATH", "")))
+    environment = os.environ | {"DASK_TEMPORARY_DIRECTORY": str(folder), "PYTHONPATH": paths}
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as cluster:
         address = cluster.stdout.readline().strip()
         workers = psutil.Process(cluster.pid).children(recursive=True)

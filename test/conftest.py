@@ -6,6 +6,7 @@ import os
 import pathlib
 import signal
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))  # what is in no package: `bench`
 REAL_PUSHES = ROOT.parent / "shared/data/zhou2015_triangle"
 MIT_PUSHES = ROOT.parent / "shared/data/mit_push"
 

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.paper.pushes import NOISES, filmed, moved, objects
+from bench.paper.spoilt import with_moved_load
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_plan import even_pushes
 from pushfric_core.geometry.planar import Twist, left_of, velocity_at
-from pushfric_core.paper.experiments import filmed
-from pushfric_core.paper.spoilt import with_moved_load
-from pushfric_core.paper.trials import NOISES, moved, objects
 from pushfric_core.uncertainty.model_comparison import compare
 from pushfric_core.uncertainty.reasons import ReasonCode
 

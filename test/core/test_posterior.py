@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from bench.paper.pushes import filmed, moved, objects
 from pushfric_core import Estimator, Observation, Twist
 from pushfric_core.estimation.push_plan import even_pushes
 from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1
-from pushfric_core.paper.experiments import filmed
-from pushfric_core.paper.trials import moved, objects
 from pushfric_core.uncertainty import posterior as posterior_module
 from pushfric_core.uncertainty import support_chain
 from pushfric_core.uncertainty.motion_errors import motions

@@ -86,6 +86,14 @@ LAUNCH_FILES = {"cell.launch.py": CELL, "demo.launch.py": DEMO, "replay.launch.p
 SCRIPT = {"setup": {"--system", "--distro"}, "test": set(), "docs": {"--out"}}
 """Commands of the script itself that it does not hand to a parser of ours, and their options."""
 
+OF_THE_CHECKOUT = {
+    "bench": ["bench"],
+    "faults": ["faults"],
+    "reproduce": ["bench.paper", "reproduce"],
+    "study": ["bench.paper", "study"],
+}
+"""Commands that the script runs from the checkout: the module, and the command in it."""
+
 WIDEST = 128
 """Columns of a line that is not part of a table."""
 
@@ -94,9 +102,11 @@ TOP = {"--help", "-h", "--version", "--install-completion", "--show-completion"}
 
 def parser(name):
     """What reads the arguments of a command of ./pushfric."""
-    if name in ("bench", "faults"):
-        return typer.main.get_command(runpy.run_module(name, run_name="read", alter_sys=False)["app"])
-    return cli.load(name)
+    if name not in OF_THE_CHECKOUT:
+        return cli.load(name)
+    module, *inner = OF_THE_CHECKOUT[name]
+    program = typer.main.get_command(runpy.run_module(module, run_name="read", alter_sys=False)["app"])
+    return program.commands[inner[0]] if inner else program
 
 
 def read(arguments):
@@ -254,7 +264,7 @@ def test_the_list_of_what_is_not_run_is_needed():
 
 def options():
     """Every option of every command."""
-    every = [parser(name) for name in (*COMMANDS, "bench", "faults")]
+    every = [parser(name) for name in (*COMMANDS, *OF_THE_CHECKOUT)]
     every += [one for command in every for one in getattr(command, "commands", {}).values()]
     return {name for one in every for option in one.params for name in (*option.opts, *option.secondary_opts)}
 
@@ -265,7 +275,7 @@ def test_commands_and_options_within_sentences_exist():
         for code in (token.content for token in inline(page) if token.type == "code_inline"):
             if code.startswith("./pushfric ") and "COMMAND" not in code:
                 name, *rest = re.sub(r"\b(N|MINUTES)\b", "1", code).split()[1:]
-                assert name in {*TOP, *SCRIPT, *COMMANDS, "bench", "faults"}, f"{page}: {code}"
+                assert name in {*TOP, *SCRIPT, *COMMANDS, *OF_THE_CHECKOUT}, f"{page}: {code}"
                 if set(rest) - {"verify", "recover", "board", "markers", "lens", "table"}:  # else it is only named
                     read([name, *rest])
             elif code.startswith("--"):

@@ -22,10 +22,6 @@ SECTIONS = {
         "track": "Track the object in the images of a bag again, and say how the poses differ from the recorded ones.",
         "check-cell": "Check a whole cell against statics: how far p_CF is off for a plate with known loads.",
     },
-    "Paper": {
-        "reproduce": "Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images.",
-        "study": "Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones.",
-    },
     "Installation": {
         "licences": "List the packages that pushfric needs, as installed, with their versions and licences.",
     },

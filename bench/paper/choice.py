@@ -7,15 +7,10 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from pushfric_core.errors import PushfricError
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
-from pushfric_core.estimation.push_choice import next_pushes
+from bench.paper.pushes import NOISES, Studied, filmed, moved
+from pushfric_core import Estimator, EstimatorConfig, HalfPlanes, PushfricError, next_pushes
 from pushfric_core.estimation.push_plan import PlannedPush
-from pushfric_core.estimation.region import HalfPlanes, RegionConfig, line_of_motion
-from pushfric_core.geometry.planar import Array
-from pushfric_core.paper.experiments import filmed
-from pushfric_core.paper.tables import markdown
-from pushfric_core.paper.trials import NOISES, Studied, moved
+from pushfric_core.estimation.region import RegionConfig, line_of_motion
 
 PUSHES = 15
 """Pushes of each run."""
@@ -48,15 +43,6 @@ def summary(runs: Sequence[Numbers]) -> Numbers:
     return {"runs": len(runs), **medians, "fewer": fewer, "more": more, "sign_test": chance}
 
 
-def report(cells: Numbers) -> list[str]:
-    """The summary as lines of Markdown."""
-    rows = []
-    for name, cell in cells.items():
-        counts = (f"{cell['chosen']:g}", f"{cell['random']:g}", f"{cell['fewer']} / {cell['more']}")
-        rows.append((name, cell["runs"], *counts, f"{cell['sign_test']:.2g}"))
-    return markdown(("next push", "runs", "pushes, chosen", "pushes, random", "fewer / more", "sign test"), rows)
-
-
 def _pushes_until_near(studied: Studied, choose: Choose, rng: np.random.Generator) -> int:
     """The number of the first push from which on p_CF is near; PUSHES + 1 if it is not near after the last."""
     estimator = Estimator(studied.support_points, EstimatorConfig(confidence=False, screening=False))
@@ -71,13 +57,9 @@ def _pushes_until_near(studied: Studied, choose: Choose, rng: np.random.Generato
                 half_planes.add(line_of_motion(observation))
             except PushfricError:
                 continue  # an observation that a live estimator refuses, too
-        if _far(estimator, truth, near):
+        if not estimator.observations or math.dist(estimator.estimate().center_of_friction, truth) > near:
             known = push_id + 2
     return known
-
-
-def _far(estimator: Estimator, truth: Array, near: float) -> bool:
-    return not estimator.observations or math.dist(estimator.estimate().center_of_friction, truth) > near
 
 
 def _best(half_planes: HalfPlanes, rng: np.random.Generator) -> PlannedPush:

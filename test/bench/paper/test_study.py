@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from bench.paper import choice, pushes, spoilt, study
 from pushfric_core.errors import InvalidInput
 from pushfric_core.mechanics import simulation
-from pushfric_core.paper import choice, spoilt, study, trials
 
 PLANS = ("all", "eight")
 
 
 def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     """One object with few pushes, and coarser steps of the simulation, which find the same."""
-    right = trials.objects()["delrin_rect_right"]
+    right = pushes.objects()["delrin_rect_right"]
     monkeypatch.setattr(
         study, "objects", lambda: {"delrin_rect_right": right._replace(plans=dict.fromkeys(PLANS, (3, 1, 3, 1)))}
     )
-    monkeypatch.setattr(study, "shapes", lambda: {"ring": trials.shapes()["ring"]})
+    monkeypatch.setattr(study, "shapes", lambda: {"ring": pushes.shapes()["ring"]})
     monkeypatch.setattr(study, "TABLE_1", {})
     monkeypatch.setattr(simulation, "STEP", 1.2e-3)
     monkeypatch.setattr(choice, "PUSHES", 4)
@@ -27,14 +27,14 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     assert json.loads((tmp_path / "out/study.json").read_text()) == summary
     cells = summary["simulated"]
     plans = [f"delrin_rect_right/{plan}" for plan in (*PLANS, "one_place")] + ["ring/all", "ring/places"]
-    assert set(cells) == {f"{plan}/{noise}" for plan in plans for noise in trials.NOISES}
+    assert set(cells) == {f"{plan}/{noise}" for plan in plans for noise in pushes.NOISES}
     for name, cell in cells.items():
         assert cell["given"] == (0 if "one_place" in name else 1), name
         assert ("sampled_median" in cell) == (cell["given"] == 1)
     assert cells["delrin_rect_right/all/FEET"]["error_median"] < 1.0  # mm
     screened = summary["screened"]
     cases = {*spoilt.SPOILT, "none", "shift of 8 mm", "shift of 4 mm"}
-    assert set(screened) == {f"{case}/{noise}" for case in cases for noise in trials.NOISES}
+    assert set(screened) == {f"{case}/{noise}" for case in cases for noise in pushes.NOISES}
     assert screened["none/FEET"] == {"runs": 1, "found": None, "harmless": None, "good": 8, "lost": 0, "changed": 0}
     assert screened["lost contact/FEET"]["found"] == 1
     chosen = summary["choice"]["delrin_rect_right"]
@@ -47,7 +47,7 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
 
 def test_a_moved_load_shifts_the_center_of_friction_as_asked(rng):
     """In every direction that is drawn."""
-    studied = trials.objects()["unequal_feet"]
+    studied = pushes.objects()["unequal_feet"]
     before = studied.support.center_of_friction
     for shift in spoilt.SHIFTS:
         after = spoilt.with_moved_load(studied.support, shift, rng).center_of_friction

@@ -1,19 +1,15 @@
 """Bad pushes and changed objects for the study: does outlier rejection find them, and does it leave the good pushes in?"""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.estimation.estimator import EstimatorConfig
+from bench.paper.pushes import NOISES, Frames, Studied, estimated, filmed, moved
+from pushfric_core import EstimatorConfig, Observation, Pose, Support
 from pushfric_core.estimation.push_plan import even_pushes
-from pushfric_core.geometry.planar import Array, Pose
-from pushfric_core.geometry.support import Support
-from pushfric_core.paper.experiments import Frames, filmed
-from pushfric_core.paper.tables import markdown
-from pushfric_core.paper.trials import NOISES, Studied, estimated, moved
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core.geometry.planar import Array
 
 BAD_TURN = math.radians(25)
 """The orientation of a bad push drifts or wanders by this much."""
@@ -30,16 +26,19 @@ SHIFTS = (0.008, 0.004)
 LEAST_WEIGHT = 0.02
 """Share of its weight that each support keeps when the load is moved."""
 
-Numbers = dict[str, Any]
+
+class Verdict(NamedTuple):
+    """What outlier rejection says of a run; None: it is not asked."""
+
+    found: bool | None = None  # no observation that the fault changed is in the estimate, or the change of the object was seen
+    harmless: bool | None = None  # the fault changed none, because those that it would have changed were never made
+    good: int = 0  # pushes without a fault
+    lost: int = 0  # of these were left out
+    changed: bool = False  # an object that stayed the same was said to be another one
 
 
-def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, Numbers]]:
-    """What outlier rejection says of runs with a bad push of each kind and with none, and of loads that are moved; by noise.
-
-    `found` says whether no observation that the fault changed is in the estimate, or whether the change was seen; `harmless`
-    whether the fault changed none, because those that it would have changed were never made; `lost` how many of the `good`
-    pushes were left out; and `changed` whether an object that stayed the same was said to be another one.
-    """
+def verdicts(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, Verdict]]:
+    """The verdicts on runs with a bad push of each kind and with none, and on loads that are moved; by noise."""
     plan = even_pushes(studied.outline, studied.plans["all"])
     pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
     before = moved(studied, pushes, rng)
@@ -51,66 +50,32 @@ def verdicts(studied: Studied, rng: np.random.Generator) -> Iterable[tuple[str, 
         camera = int(rng.integers(2**32))  # the same noise with every fault
         clean = filmed(studied.outline, before, spread, np.random.default_rng(camera))
         left_out, changed = _screened(clean, studied.support_points)
-        yield (
-            f"none/{noise}",
-            {"found": None, "harmless": None, "lost": len(left_out), "good": len(before), "changed": changed},
-        )
+        yield f"none/{noise}", Verdict(good=len(before), lost=len(left_out), changed=changed)
         for kind, spoil in SPOILT.items():
             bad = int(rng.integers(len(before)))
             seen = [spoil(frames, rng) if index == bad else frames for index, frames in enumerate(before)]
             data = filmed(studied.outline, seen, spread, np.random.default_rng(camera))
             left_out, changed = _screened(data, studied.support_points)
             harmless = {one.twist for one in data} <= {one.twist for one in clean}
-            yield (
-                f"{kind}/{noise}",
-                {
-                    "found": harmless or bad in left_out,
-                    "harmless": harmless,
-                    "lost": len(left_out - {bad}),
-                    "good": len(before) - 1,
-                    "changed": changed,
-                },
-            )
+            lost = len(left_out - {bad})
+            yield f"{kind}/{noise}", Verdict(harmless or bad in left_out, harmless, len(before) - 1, lost, changed)
         for shift, pushed in after.items():
             data = filmed(studied.outline, [*before[:BEFORE], *pushed], spread, rng)
             _, changed = _screened(data, studied.support_points)
-            yield (
-                f"shift of {1e3 * shift:g} mm/{noise}",
-                {"found": changed, "harmless": None, "lost": 0, "good": 0, "changed": False},
-            )
+            yield f"shift of {1e3 * shift:g} mm/{noise}", Verdict(found=changed)
 
 
-def summary(runs: Sequence[dict[str, Numbers]]) -> Numbers:
-    """Counts for each kind of bad push or change and each noise, of all objects together."""
-    cases: dict[str, list[Numbers]] = {}
+def summary(runs: Sequence[Mapping[str, Verdict]]) -> dict[str, dict[str, int | None]]:
+    """Counts for each kind of bad push or change and each noise, of all objects together; None: not asked."""
+    cases: dict[str, list[Verdict]] = {}
     for run in runs:
-        for name, numbers in run.items():
-            cases.setdefault(name.split("/", 1)[1], []).append(numbers)
-    return {
-        case: {
-            "runs": len(found),
-            **{key: _count(one[key] for one in found) for key in ("found", "harmless", "good", "lost", "changed")},
-        }
-        for case, found in cases.items()
-    }
-
-
-def report(cells: Numbers) -> list[str]:
-    """The summary as lines of Markdown."""
-    heads = ("bad push, or change", "runs", "found", "without bad data points", "good pushes lost", "said to be another object")
-    rows = []
-    for name, cell in cells.items():
-        found = ["-" if cell[key] is None else cell[key] for key in ("found", "harmless")]
-        rows.append(
-            (name, cell["runs"], *found, *((f"{cell['lost']} of {cell['good']}", cell["changed"]) if cell["good"] else "--"))
-        )
-    return markdown(heads, rows)
-
-
-def _count(said: Iterable[bool | int | None]) -> int | None:
-    """How many in all; None where it is not asked."""
-    known = [one for one in said if one is not None]
-    return sum(known) if known else None
+        for name, verdict in run.items():
+            cases.setdefault(name.split("/", 1)[1], []).append(verdict)
+    counts: dict[str, dict[str, int | None]] = {}
+    for case, said in cases.items():
+        totals = zip(Verdict._fields, zip(*said, strict=True), strict=True)
+        counts[case] = {"runs": len(said), **{key: None if None in all_ else sum(all_) for key, all_ in totals}}
+    return counts
 
 
 def _screened(data: Iterable[Observation], points: Array) -> tuple[set[int], bool]:
@@ -134,14 +99,16 @@ def with_moved_load(support: Support, shift: float, rng: np.random.Generator) ->
 
 def _drift(frames: Frames, rng: np.random.Generator) -> Frames:
     """The tracked orientation drifts."""
-    turns = float(rng.choice((-BAD_TURN, BAD_TURN))) * np.linspace(0.0, 1.0, len(frames))
-    return [(position, pose._replace(theta=pose.theta + turn)) for (position, pose), turn in zip(frames, turns, strict=True)]
+    return _turned(frames, float(rng.choice((-BAD_TURN, BAD_TURN))) * np.linspace(0.0, 1.0, len(frames)))
 
 
 def _wander(frames: Frames, rng: np.random.Generator) -> Frames:
     """The tracked orientation walks at random."""
     walk = np.cumsum(rng.normal(size=len(frames)))
-    turns = BAD_TURN * walk / np.abs(walk).max()
+    return _turned(frames, BAD_TURN * walk / np.abs(walk).max())
+
+
+def _turned(frames: Frames, turns: Array) -> Frames:
     return [(position, pose._replace(theta=pose.theta + turn)) for (position, pose), turn in zip(frames, turns, strict=True)]
 
 

@@ -1,0 +1,323 @@
+"""The paper's experiments on simulated pushes: one seed gives every number of its tables and figures, in the paper's units.
+
+Lengths in the results are in centimetres, as in the paper. The unit of force is the support friction of the translating
+object.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.paper.pushes import BAD_PUSH, SLIPPING, motions, plan, watch
+from bench.paper.tables import PUBLISHED
+from pushfric_core import TABLE_1, Estimate, Estimator, EstimatorConfig, HalfPlanes, Hypothesis, Loss, Observation, Recognizer
+from pushfric_core.estimation.region import Region, line_of_motion
+from pushfric_core.geometry.planar import Array, Wrench
+from pushfric_core.geometry.support import Support, center_of_friction, support_forces
+from pushfric_core.geometry.table_1 import FLAT, LOOKALIKES, ORIENTATIONS
+from pushfric_core.mechanics.limit_surface import LimitSurface, Measurement, separation
+from pushfric_core.program.least_squares import least_squares_fit
+from pushfric_core.uncertainty import contact_friction
+
+Mask = npt.NDArray[np.bool_]
+
+Numbers = dict[str, Any]
+"""A nested dictionary whose leaves are numbers and truth values."""
+
+CENTIMETRE = 100.0
+
+PAPER = EstimatorConfig(cor_radius=0.0, confidence=False, screening=False)
+"""Moment constraints, eq. 7 as a hard constraint, no contact uncertainty, no free supports (section 5)."""
+
+GRIDS = {4: (2, 2), 9: (3, 3), 15: (5, 3), 24: (6, 4)}
+"""Columns and rows of Figure 4."""
+
+CENTERS = {name.removeprefix("delrin_rect_"): center for name, center in LOOKALIKES.items()}
+"""Hypothesised centres of friction of the delrin rectangle [m] (section 5.2.1)."""
+
+HALF_WIDTHS = (0, 2, 4, 6, 8)
+"""Half-widths of the contact interval [mm] in Figures 9 and 10."""
+
+CLEAR = 1e-6
+"""All other orientations must fit worse than the true one by this [cm]; with wide contact intervals, several fit exactly."""
+
+CASES = ("delrin_rect_center", "delrin_rect_right", "wood_rect3", "wood_rect4_all_data", "wood_rect4", "rubber_rect4")
+"""The rows of Table 3; the first of wood_rect4 has the bad push."""
+
+FITS = ("feet", "grid_15", "grid_15_nonnegative", "grid_15_linear_program")
+"""The panels of Figure 13: least squares on the feet, on 15 points and with w >= 0, and the linear program."""
+
+SUBSETS = (3, 5, 10, 15, 20, 30, 40, 60)
+"""Numbers of observations in Figure 11."""
+
+SAMPLINGS = 10
+
+
+class Seed(NamedTuple):
+    """All experiments with the camera noise and the operator's hand of one seed."""
+
+    seed: int
+    numbers: Numbers  # as tables.json nests them
+    data: dict[str, list[Observation]]  # of each object
+    weights: dict[str, list["Weights"]]  # the panels of Figures 5, 6 and 13
+    bounds: dict[str, Array]  # lower bounds on mu_c, by the row of Table 3
+    regions: list[Region]  # where p_CF of delrin_rect_right can lie before the first push and after each
+
+
+class Weights(NamedTuple):
+    """A support friction distribution that a figure shows."""
+
+    name: str  # of the object
+    title: str
+    points: Array  # (n, 2) object frame [m]
+    w: Array  # (n,)
+
+    def located(self) -> Numbers:
+        """Its p_CF."""
+        return located(self.name, center_of_friction(self.points, self.w))
+
+
+def run_seed(seed: int) -> Seed:
+    """All experiments of one seed."""
+    moved = {name: motions(name, plan(name), seed) for name in TABLE_1}
+    data = {name: watch(name, moved[name], seed) for name in TABLE_1}
+    bad = watch("wood_rect4", moved["wood_rect4"], seed, bad_push=BAD_PUSH)
+    slipping = watch("rubber_rect4", motions("rubber_rect4", SLIPPING, seed), seed)
+    rng = np.random.default_rng((seed, len(TABLE_1)))
+    fewer = _sample(data["delrin_square3"], _published("delrin_square3"), rng)
+    table3, bounds = _contact_friction(data, bad, slipping)
+    weights = _weights(data)
+    regions = _regions(data["delrin_rect_right"])
+    numbers: Numbers = {
+        "table1": {name: {"data_points": len(observations)} for name, observations in data.items()},
+        "table2": {name: _grids(name, data[name]) for name in ("delrin_rect_center", "delrin_rect_right")},
+        "table3": table3,
+        "table4": _recognition("center", data, PAPER),
+        "table5": _recognition("right", data, PAPER),
+        "table4_default": _recognition("center", data, EstimatorConfig()),
+        "table5_default": _recognition("right", data, EstimatorConfig()),
+        "figure5": {one.name: _feet_found(one) for one in weights["figure5"]},
+        "figure6": {"weight_within_1_cm": _near_feet(weights["figure6"][1], 0.01), **weights["figure6"][1].located()},
+        "figure9": _orientation("wood_rect3", data["wood_rect3"]),
+        "figure10": _orientation("delrin_square3", data["delrin_square3"]),
+        "figure10_fewer_data_points": _orientation("delrin_square3", fewer),
+        "figure11": _subsets(data["rubber_rect4"], rng),
+        "figure13": {case: _extremes(one) for case, one in zip(FITS, weights["figure13"], strict=True)},
+    }
+    area = {"area_cm2": regions[-1].area * CENTIMETRE**2, "collapsed": regions[-1].area == 0}
+    numbers["test_pushes"] = {**area, **located("delrin_rect_right", regions[-1].center)}
+    return Seed(seed, numbers, data, weights, bounds, regions)
+
+
+def estimate(observations: Iterable[Observation], points: Array, config: EstimatorConfig = PAPER) -> Estimate:
+    """The estimate from all observations, over hypothesised support points (n, 2) [m]."""
+    return Estimator(points, config).add(observations)
+
+
+def located(name: str, center: Array) -> Numbers:
+    """An estimated p_CF (2,) [m], object frame, in cm, and its error in percent of the object's sides."""
+    known = TABLE_1[name]
+    x, y = (center * CENTIMETRE).tolist()
+    percent_x, percent_y = (100 * np.abs(center - known.support.center_of_friction) / known.outline.size).tolist()
+    return {"x": x, "y": y, "percent_x": percent_x, "percent_y": percent_y}
+
+
+def _published(name: str) -> int:
+    """The number of observations in Table 1 of the paper."""
+    return int(PUBLISHED["paper"]["table1"][name]["data_points"])
+
+
+def _grids(name: str, observations: list[Observation]) -> Numbers:
+    """Table 2: p_CF over the grids of Figure 4."""
+    outline = TABLE_1[name].outline
+    return {
+        f"grid_{size}": located(name, estimate(observations, outline.grid(*grid)).center_of_friction)
+        for size, grid in GRIDS.items()
+    }
+
+
+def _recognition(right: str, data: dict[str, list[Observation]], config: EstimatorConfig) -> Numbers:
+    """Tables 4 and 5: which centre of friction fits best. Errors are scaled to the paper's number of observations."""
+    name = f"delrin_rect_{right}"
+    observations = data[name]
+    numbers: Numbers = {}
+    for size, grid in GRIDS.items():
+        points = TABLE_1[name].outline.grid(*grid)
+        errors = _fit_errors([Hypothesis(key, points, np.array(xy)) for key, xy in CENTERS.items()], observations, config)
+        best = min(errors.values())
+        numbers[f"grid_{size}"] = {
+            **{f"error_{key}": error * (_published(name) / len(observations)) for key, error in errors.items()},
+            **{f"ratio_{key}": error / best if error < math.inf else error for key, error in errors.items()},
+            "correct": errors[right] < min(error for key, error in errors.items() if key != right),
+        }
+    return numbers
+
+
+def _contact_friction(
+    data: dict[str, list[Observation]], bad: list[Observation], slipping: list[Observation]
+) -> tuple[Numbers, dict[str, Array]]:
+    """Table 3, and the bounds of the histograms of Figures 7 and 8.
+
+    Args:
+        data: of each object.
+        bad: of wood_rect4 with the bad push.
+        slipping: of rubber_rect4 in the test pushes; they are judged by the w of its other pushes.
+    """
+    known = {case: TABLE_1[case.removesuffix("_all_data")] for case in CASES}
+    seen = data | {"wood_rect4_all_data": bad, "wood_rect4": [one for one in bad if one.push_id != BAD_PUSH]}
+    points = {case: one.support_points if one.noise == FLAT else one.support.points for case, one in known.items()}
+    fits = {case: estimate(seen[case], points[case]) for case in CASES}
+    bounds = {case: fit.contact_friction for case, fit in fits.items()}
+    numbers: Numbers = {case: {"p90": fit.mu_c_p90, "p100": fit.mu_c_max} for case, fit in fits.items()}
+    numbers["wood_rect4_all_data"]["bad_data_points"] = len(bad) - len(seen["wood_rect4"])
+    forces = [contact_friction.contact_forces(one, support_forces(points["rubber_rect4"], one.twist)) for one in slipping]
+    slipped = np.concatenate([contact_friction.lower_bounds(one, fits["rubber_rect4"].w) for one in forces])
+    extremes = {"low": float(slipped.min()), "high": float(slipped.max())}
+    numbers["rubber_rect4_slipping"] = {**extremes, "data_points": len(slipping)}
+    return numbers, {**bounds, "rubber_rect4_slipping": slipped}
+
+
+def _weights(data: dict[str, list[Observation]]) -> dict[str, list[Weights]]:
+    """w over 15 points (Figure 5), over points none of which is a foot (Figure 6), and by least squares (Figure 13)."""
+
+    def fitted(name: str, title: str = "") -> Weights:
+        points = TABLE_1[name].support_points
+        return Weights(name, title or name, points, estimate(data[name], points).w)
+
+    square, wood, pushes = TABLE_1["delrin_square3"], TABLE_1["wood_rect4"], data["wood_rect4"]
+    feet, points = wood.support.points, wood.support_points
+    squares = EstimatorConfig(cor_radius=0.0, nonnegative_force=False, loss=Loss.L2, confidence=False)
+    cases = [(feet, least_squares_fit(pushes, feet)), (points, least_squares_fit(pushes, points))]
+    cases += [(points, estimate(pushes, points, squares)), (points, estimate(pushes, points))]
+    actual = Weights("delrin_square3", "Actual", square.support.points, square.support.weights)
+    titled = zip(FITS, cases, strict=True)
+    return {
+        "figure5": [fitted("wood_rect4"), fitted("rubber_rect4")],
+        "figure6": [actual, fitted("delrin_square3", "Estimated")],
+        "figure13": [Weights("wood_rect4", case.replace("_", " "), where, fit.w) for case, (where, fit) in titled],
+    }
+
+
+def _feet_found(found: Weights) -> Numbers:
+    """Figure 5: whether the four largest of 15 weights are the feet."""
+    feet = _at_feet(found.name, 1e-6)
+    return {
+        "corners_are_top_four": _largest_are(found.w, feet),
+        "weight_at_corners": _near_feet(found, 1e-6),
+        "nonzero_weights": int((found.w > 1e-6).sum()),
+        **found.located(),
+    }
+
+
+def _near_feet(found: Weights, distance: float) -> float:
+    """How much of w lies within a distance [m] of a foot."""
+    return float(found.w[_at_feet(found.name, distance)].sum())
+
+
+def _extremes(found: Weights) -> Numbers:
+    """Figure 13: where p_CF is, and how far the weights go."""
+    return {**found.located(), "w_min": float(found.w.min()), "w_max": float(found.w.max())}
+
+
+def _at_feet(name: str, distance: float) -> Mask:
+    """Mask (n,) of the hypothesised support points that lie within a distance [m] of a foot."""
+    known = TABLE_1[name]
+    between = np.linalg.norm(known.support_points[:, None] - known.support.points, axis=2)
+    return np.asarray(between.min(axis=1) <= distance, dtype=bool)
+
+
+def _largest_are(w: Array, which: Mask) -> bool:
+    """Whether the largest weights are exactly those that the mask `which` selects."""
+    return bool(w[which].min() > w[~which].max())
+
+
+def _orientation(name: str, observations: list[Observation]) -> Numbers:
+    """Figures 9 and 10: the fit errors of an object's orientations for each half-width of the contact interval."""
+    feet, center = TABLE_1[name].support.points, TABLE_1[name].support.center_of_friction
+    numbers: Numbers = {}
+    for case, known in (("supports", None), ("supports_and_center", center)):
+        hypotheses = [Hypothesis(str(turn), feet, known).turned(math.radians(turn), (0.0, 0.0)) for turn in ORIENTATIONS[name]]
+        numbers[case] = {}
+        for half_width in HALF_WIDTHS:
+            errors = _fit_errors(hypotheses, observations, replace(PAPER, half_width=half_width / 1e3))
+            others = min(error for turn, error in errors.items() if turn != "0")
+            numbers[case][f"half_width_{half_width}_mm"] = {
+                **{f"error_{turn}": error for turn, error in errors.items()},
+                "correct": errors["0"] + CLEAR < others,
+            }
+    return numbers
+
+
+def _fit_errors(
+    hypotheses: Sequence[Hypothesis], observations: Iterable[Observation], config: EstimatorConfig
+) -> dict[str, float]:
+    """The fit error of each hypothesis [cm], by name; infinite if no w satisfies its hard constraints."""
+    recognizer = Recognizer(hypotheses, config)
+    for observation in observations:
+        ranking = recognizer.add(observation)
+    errors = {one.name: one.fit_error * CENTIMETRE for one in ranking.hypotheses}
+    return {hypothesis.name: errors[hypothesis.name] for hypothesis in hypotheses}
+
+
+def _sample(observations: list[Observation], size: int, rng: np.random.Generator) -> list[Observation]:
+    """A random sample of this many observations, or all of them if there are fewer."""
+    chosen = rng.choice(len(observations), min(size, len(observations)), replace=False)
+    return [observations[i] for i in chosen]
+
+
+def _subsets(observations: list[Observation], rng: np.random.Generator) -> Numbers:
+    """Figure 11: the mean error of p_CF over random samplings of the observations of rubber_rect4."""
+    points, feet = TABLE_1["rubber_rect4"].support_points, _at_feet("rubber_rect4", 1e-6)
+    numbers = {}
+    for size in SUBSETS:
+        results = [estimate(_sample(observations, size, rng), points) for _ in range(SAMPLINGS)]
+        errors = [located("rubber_rect4", result.center_of_friction) for result in results]
+        numbers[f"points_{size}"] = {
+            **{axis: float(np.mean([error[axis] for error in errors])) for axis in ("percent_x", "percent_y")},
+            "share_with_correct_supports": float(np.mean([_largest_are(result.w, feet) for result in results])),
+        }
+    return numbers
+
+
+def _regions(observations: list[Observation]) -> list[Region]:
+    """Section 6.2: where p_CF can lie, at first and after each push, without support points."""
+    half_planes = HalfPlanes(TABLE_1["delrin_rect_right"].outline)
+    regions = [half_planes.region()]
+    for _, push in itertools.groupby(observations, lambda one: one.push_id):
+        regions.append([half_planes.add(line_of_motion(one)) for one in push][-1])
+    return regions
+
+
+class Rod(NamedTuple):
+    """A rod of length 2, as Figure 12 shows it."""
+
+    section: Array  # (k, 2) f_y and moment on its limit surface
+    reachable: Array  # (m, 2) those that pushes without friction reach
+
+
+def rods() -> tuple[Numbers, list[Rod]]:
+    """Figure 12: two rods that frictionless pushes along their length cannot distinguish. Nothing in it is random.
+
+    Returns:
+        Numbers, also of how well a pusher with friction could distinguish them; and the two rods.
+    """
+    ends = np.array(((-1.0, 0.0), (1.0, 0.0)))
+    first, second = Support(ends, np.full(2, 1 / 2)), Support(np.vstack((ends, (0.0, 0.0))), np.full(3, 1 / 3))
+    contacts = np.column_stack((np.linspace(-1, 1, 201), np.zeros(201)))
+    normals = np.tile((0.0, -1.0), (len(contacts), 1))
+    drawn = []
+    for support in (first, second):
+        surface = LimitSurface(support)
+        section = surface.cross_section(Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0)).points
+        drawn.append(Rod(section, surface.reachable(contacts, normals, 0.0).wrenches[:, 0, 1:]))
+    measurement = Measurement(0.01, 1e-4, 1e-3)
+    return {
+        "largest_difference_of_reachable_wrenches": float(np.abs(drawn[0].reachable - drawn[1].reachable).max()),
+        "deviations_without_friction": separation(first, second, contacts, normals, 0.0, measurement).deviations,
+        "deviations_with_mu_c_1": separation(first, second, contacts, normals, 1.0, measurement).deviations,
+    }, drawn

@@ -1,0 +1,226 @@
+"""`./pushfric study`: how far the estimates can be relied on, measured on simulated pushes of many seeds and on real ones.
+
+Each cell of the study is an object, a camera's noise and a plan of pushes. For each cell, the study measures how often the 90 %
+ellipse of p_CF contains the truth, its radius compared with the errors, the errors of the optimum and of the middle of the set,
+and mu_c. Further cells are about screening (module `spoilt`) and the choice of the next push (module `choice`).
+"""
+
+import math
+import pathlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from bench.paper import choice, spoilt
+from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1, shapes
+from bench.paper.tables import table_of
+from pushfric_core import TABLE_1, Estimate, EstimatorConfig, Observation, Outline
+from pushfric_core.datasets.zhou2015 import CORNERS, GRID, read_push_points
+from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
+from pushfric_core.files.whole_file import make_folder, write_whole
+from pushfric_core.geometry.contact import tangent
+from pushfric_core.geometry.planar import Array, velocity_at
+from pushfric_core.offline.workers import results
+from pushfric_core.report.report import to_json
+from pushfric_core.uncertainty.spread import ELLIPSE
+
+SUBSETS = 30
+"""Numbers of real pushes that are chosen at random from each log."""
+
+SIZES = (10, 20, 40)
+"""Numbers of real pushes."""
+
+REAL_CENTER = np.full(2, 0.05)
+"""True p_CF of the real triangle [m], by statics."""
+
+SLIPPED = 1e-3
+"""A real push slips if its tip moved along the edge by more than this [m]; then the force sensor measures mu_c."""
+
+PARTS = ("simulated", "real", "mu_c", "real_mu_c", "screened", "choice")
+"""The parts of study.json with numbers, each a table of study.md; docs/estimation.md explains them."""
+
+Numbers = dict[str, Any]
+
+
+def run_seed(seed: int) -> dict[str, Any]:
+    """All simulated cells of one seed.
+
+    Returns:
+        `seed`; under `cells` what was found in each, by its name; under `mu_c` that of each object of Table 1; under `screened`
+        what screening said of bad pushes and changed objects; and under `choice` how many pushes each object took.
+    """
+    found: dict[str, Any] = {"seed": seed, "cells": {}, "mu_c": {}, "screened": {}, "choice": {}}
+    for number, (name, studied) in enumerate(objects().items()):
+        rng = np.random.default_rng((seed, number))
+        edge = int(rng.integers(len(studied.outline.vertices)))
+        offset = float(rng.uniform(-0.3, 0.3) * studied.outline.lengths[edge])
+        plans = {plan: even_pushes(studied.outline, counts) for plan, counts in studied.plans.items()}
+        found["cells"] |= _cells(name, studied, plans | {"one_place": [PlannedPush(edge, offset)] * 8}, rng)
+        verdicts = spoilt.verdicts(studied, np.random.default_rng((seed, 200 + number)))
+        found["screened"] |= {f"{name}/{case}": verdict for case, verdict in verdicts}
+        found["choice"][name] = choice.pushes_needed(studied, np.random.default_rng((seed, 300 + number)))
+    for number, (name, studied) in enumerate(shapes().items()):
+        rng = np.random.default_rng((seed, 400 + number))
+        plans = {"all": even_pushes(studied.outline, studied.plans["all"]), "places": eight_places(studied.outline, rng)}
+        found["cells"] |= _cells(name, studied, plans, rng)
+    for number, (name, known) in enumerate(TABLE_1.items()):
+        rng = np.random.default_rng((seed, 100 + number))
+        pushes = even_pushes(known.outline, known.pushes) + slipping_pushes(known.outline, (0, 2))
+        data = filmed(known.outline, moved(of_table_1(name), pushes, rng), known.noise, rng)
+        mu_c = _estimate(data, known.support_points).mu_c
+        if mu_c is not None:
+            found["mu_c"][name] = {"truth": known.mu_c, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high}
+    return found
+
+
+def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int, dask: str | None, console: Console) -> Numbers:
+    """Measure everything, and write study.json and study.md into a folder.
+
+    Args:
+        out: the folder.
+        seeds: simulated runs of each cell.
+        pushes: push_points.csv of zhou2015; None: no real pushes.
+        jobs: processes; -1: one for each core.
+        dask: address of a Dask scheduler; None: this machine.
+        console: for the progress bar.
+    Returns:
+        What study.json holds.
+    Raises:
+        InvalidInput: the folder or the CSV cannot be used, or no cluster answers.
+    """
+    make_folder(out)
+    logs = {} if pushes is None else read_push_points(pushes)
+    found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
+    found.sort(key=lambda one: int(one["seed"]))
+    summary: Numbers = {
+        "seeds": seeds,
+        "simulated": {name: _summary([one["cells"][name] for one in found]) for name in found[0]["cells"]},
+        "mu_c": {name: _within([one["mu_c"][name] for one in found if name in one["mu_c"]]) for name in TABLE_1},
+        "screened": spoilt.summary([one["screened"] for one in found]),
+        "choice": {name: choice.summary([one["choice"][name] for one in found]) for name in found[0]["choice"]},
+        "real": _real(logs),
+        "real_mu_c": {f"{log}/{terms}": _real_mu_c(data, terms) for log, data in logs.items() for terms in ("moment", "force")},
+    }
+    write_whole(out / "study.json", to_json(summary) + "\n")
+    lines = [line for part in PARTS if summary[part] for line in ("", f"## {part}", "", *table_of(summary[part]))]
+    write_whole(out / "study.md", "\n".join((f"# Study of {seeds} seeds", *lines, "")))
+    return summary
+
+
+def _cells(
+    name: str, studied: Studied, plans: Mapping[str, Sequence[PlannedPush]], rng: np.random.Generator
+) -> Iterator[tuple[str, Numbers]]:
+    """What is found with each plan and noise, by the name of the cell."""
+    for plan, pushes in plans.items():
+        pushed = moved(studied, pushes, rng)
+        for noise, spread in NOISES.items():
+            data = filmed(studied.outline, pushed, spread, rng)
+            yield f"{name}/{plan}/{noise}", _found(data, studied.support_points, studied.support.center_of_friction)
+
+
+def _estimate(data: Iterable[Observation], points: Array, terms: tuple[str, ...] = ("moment",)) -> Estimate:
+    return estimated(data, points, EstimatorConfig(terms=terms))[1]
+
+
+def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tuple[str, ...] = ("moment",)) -> Numbers:
+    """Errors of an estimate [mm], and its own figures for them; `given` is false if it has none."""
+    estimate = _estimate(data, points, terms)
+    spread, sampled = estimate.spread, estimate.posterior
+
+    def judged(center: Array, covariance: Array, error: str, prefix: str = "") -> Numbers:
+        off = center - truth
+        radius = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(covariance))))
+        held = bool(off @ np.linalg.solve(covariance, off) <= ELLIPSE)
+        return {error: float(np.hypot(*off)), f"{prefix}held": held, f"{prefix}radius": radius}
+
+    numbers: Numbers = {"error": float(np.hypot(*(estimate.center_of_friction - truth))), "given": spread is not None}
+    if spread is not None:
+        numbers |= judged(estimate.center_of_friction, spread.covariance, "error")
+        numbers["middle"] = float(np.hypot(*(spread.middle @ points - truth)))
+    if sampled is not None:
+        numbers |= judged(sampled.center_of_friction, sampled.covariance, "sampled", "sampled_")
+    return numbers
+
+
+def _summary(runs: Sequence[Numbers]) -> Numbers:
+    """The figures of the runs of one cell; lengths in mm."""
+    given = [one for one in runs if one["given"]]
+    numbers: Numbers = {"runs": len(runs), "given": len(given), **_quantiles("error", runs)}
+    if given:
+        numbers |= {**_quantiles("middle", given), **_trust(given)}
+    if sampled := [one for one in given if "sampled" in one]:
+        numbers |= {**_quantiles("sampled", sampled), **_trust(sampled, "sampled", "sampled_")}
+    for name, of in (("middle", given), ("sampled", sampled)):
+        if of:
+            median, optimum = (np.median([one[key] for one in of]) for key in (name, "error"))
+            numbers[f"{name}_to_optimum"] = float(median / optimum)
+    return numbers
+
+
+def _trust(runs: Sequence[Numbers], error: str = "error", prefix: str = "") -> Numbers:
+    """How often an ellipse holds the truth, and its radius compared with the errors."""
+    errors = float(np.quantile([one[error] for one in runs], 0.9))
+    radius = float(np.median([one[f"{prefix}radius"] for one in runs]))
+    held = float(np.mean([one[f"{prefix}held"] for one in runs]))
+    return {f"{prefix}held": held, f"{prefix}radius_to_errors": radius / errors if errors > 0 else math.inf}
+
+
+def _quantiles(name: str, runs: Sequence[Numbers]) -> Numbers:
+    values = [1e3 * one[name] for one in runs]
+    return {f"{name}_median": float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
+
+
+def _within(runs: Sequence[Numbers]) -> Numbers:
+    """How often mu_c is within 10 % of the truth, and how often its interval holds the truth."""
+    values = [one["value"] for one in runs if one["value"] is not None]
+    return {
+        "truth": runs[0]["truth"],
+        "runs": len(runs),
+        "given": len(values),
+        "median": float(np.median(values)) if values else None,
+        "within_10_percent": sum(abs(value / runs[0]["truth"] - 1) <= 0.1 for value in values),
+        "held": sum(one["low"] <= one["truth"] <= one["high"] for one in runs),
+    }
+
+
+def _real(logs: dict[str, list[Observation]]) -> Numbers:
+    """Random choices of pushes from each log, without and with their forces."""
+    points = _points()
+    cells: Numbers = {}
+    for terms in (("moment",), ("moment", "force")):
+        for size in SIZES:
+            runs = []
+            for number, data in enumerate(logs.values()):
+                rng = np.random.default_rng((number, size))
+                for _ in range(SUBSETS if len(data) >= size else 0):
+                    chosen = sorted(rng.permutation(len(data))[:size].tolist())
+                    runs.append(_found([data[index] for index in chosen], points, REAL_CENTER, terms))
+            if runs:
+                cells[f"{size} pushes, {terms[-1]}"] = _summary(runs)
+    return cells
+
+
+def _real_mu_c(data: Sequence[Observation], terms: str) -> Numbers:
+    """mu_c without the forces, or with them, compared with the median that the sensor gives for slipping pushes."""
+    sensed = []
+    for one in data:
+        normal, along = np.asarray(one.contact_normal), tangent(np.asarray(one.contact_normal))
+        slip = (np.asarray(one.tip_velocity) - velocity_at(one.twist, np.asarray(one.contact_point))) @ along
+        if abs(float(slip)) > SLIPPED and one.force is not None:
+            sensed.append(abs(float(np.asarray(one.force) @ along) / float(np.asarray(one.force) @ normal)))
+    used = data if terms == "force" else [replace(one, force=None) for one in data]
+    mu_c = _estimate(used, _points(), ("moment",) if terms == "moment" else ("moment", "force")).mu_c
+    truth = float(np.median(sensed))
+    if mu_c is None or mu_c.value is None:
+        return {"sensor": truth, "value": None}
+    held = mu_c.low <= truth <= mu_c.high
+    return {"sensor": truth, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high, "kind": mu_c.kind.value, "held": held}
+
+
+def _points() -> Array:
+    """Hypothesised support points of the real triangle (n, 2) [m]."""
+    return Outline(np.array(CORNERS)).grid(*(GRID.grid or (10, 10)), GRID.inset)

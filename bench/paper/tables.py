@@ -1,0 +1,82 @@
+"""The paper's tables and figures as numbers: medians and quartiles over the seeds, next to what the paper prints.
+
+The keys are those of tables.json; docs/paper.md explains them.
+"""
+
+import math
+import pathlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import yaml
+
+Nested = dict[str, Any]
+
+Path = tuple[str, ...]
+
+PUBLISHED: Nested = yaml.safe_load(pathlib.Path(__file__).with_name("published.yaml").read_text(encoding="utf-8"))
+"""The numbers of `paper` and of its `reference`, each nested as the tables are."""
+
+
+def tables(seeds: Sequence[Mapping[str, Any]]) -> Nested:
+    """The numbers of all seeds in one table: each leaf has the figures of this run, of the paper and of the reference.
+
+    Args:
+        seeds: the `numbers` of each seed, all with the same keys.
+    Returns:
+        A dictionary nested like `numbers`. A leaf is {median, quartiles: [low, high], seeds} or {held, of}. It also has
+        `paper` and `reference` if these give the number; `seeds` is the number of seeds. Numbers are infinite where no w
+        satisfied the hard constraints.
+    """
+    return _merge(seeds, PUBLISHED)
+
+
+def _merge(values: Sequence[Any], published: Mapping[str, Any]) -> Nested:
+    first = values[0]
+    if isinstance(first, Mapping):
+        return {
+            key: _merge([value[key] for value in values], {name: one[key] for name, one in published.items() if key in one})
+            for key in first
+        }
+    if isinstance(first, bool):
+        return {"held": sum(values), "of": len(values), **published}
+    median, low, high = spread(values)
+    return {"median": median, "quartiles": [low, high], "seeds": len(values), **published}
+
+
+def spread(values: Sequence[float]) -> tuple[float, float, float]:
+    """Median and quartiles, as order statistics: infinite values do not spoil them."""
+    ranked = np.sort(np.asarray(values, dtype=float)).tolist()
+
+    def between(position: float) -> float:
+        below, above = ranked[math.floor(position)], ranked[math.ceil(position)]
+        return below if below == above else below + (above - below) * (position - math.floor(position))
+
+    low, median, high = (between(share * (len(ranked) - 1)) for share in (0.25, 0.5, 0.75))
+    return median, low, high
+
+
+def leaves(nested: Nested, path: Path = ()) -> Iterator[tuple[Path, Nested]]:
+    """All leaves of `tables`, with the keys that lead to them."""
+    for key, value in nested.items():
+        if isinstance(value, dict):
+            found = {"median", "held"} & value.keys()
+            yield from [((*path, key), value)] if found else leaves(value, (*path, key))
+
+
+def markdown(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    """A table as lines of Markdown."""
+    head, *lines = (f"| {' | '.join(map(str, row))} |" for row in (heads, *rows))
+    return [head, "|" + "---|" * len(heads), *lines]
+
+
+def table_of(cells: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Named numbers as a table in Markdown: a row for each name, a column for each key."""
+    keys = list(dict.fromkeys(key for cell in cells.values() for key in cell))
+    rows = ((name, *(_said(cell.get(key)) for key in keys)) for name, cell in cells.items())
+    return markdown(("", *(key.replace("_", " ") for key in keys)), rows)
+
+
+def _said(value: object) -> str:
+    return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)

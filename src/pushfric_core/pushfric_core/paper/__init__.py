@@ -1,1 +1,0 @@
-"""The paper's experiments, reproduced as tables, figures and a page."""
