@@ -140,16 +140,20 @@ class Arm(Node):
         self._wanted = np.array((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z))
 
     def _on_trajectory(self, msg: JointTrajectory) -> None:
-        """Go on from here through the points that are not past; the last one is held."""
+        """Go on from here through the points that are not past; the last one is held.
+
+        The joints keep to the speeds that the points name: an arm that is told late falls behind, and does not catch up.
+        """
         order = [msg.joint_names.index(name) for name in NAMES]
         self._go_on(stamp_of(msg))
         times, places, speeds = [self._now], [self.joints], [self._speeds]
         for point in msg.points:
             when = stamp_of(msg) + point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
             if when > self._now:
-                times.append(when)
-                places.append(np.array(point.positions)[order])
                 speeds.append(np.array(point.velocities)[order])
+                reach = (when - times[-1]) * (np.abs(speeds[-2]) + np.abs(speeds[-1])) / 2
+                places.append(np.clip(np.array(point.positions)[order], places[-1] - reach, places[-1] + reach))
+                times.append(when)
         if len(times) > 1:
             self._course = CubicHermiteSpline(times, places, speeds)
 

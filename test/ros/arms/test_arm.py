@@ -163,8 +163,9 @@ def test_an_arm_that_is_not_seen_is_stopped(ros, device, example):
         assert pusher.doubt is None
 
 
-def test_an_arm_that_stood_still_is_not_pulled_after(ros, kind):
+def test_an_arm_that_stood_still_is_not_pulled_after(ros, kind, monkeypatch):
     """It would have to catch up, faster than the stroke, with what was sent while it was not seen."""
+    monkeypatch.setattr(arms, "CONNECT", 60.0)  # its process starts meanwhile
     process = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"])
     try:
         with connected(kind) as pusher:
@@ -290,8 +291,8 @@ def test_an_arm_that_is_held_back_is_not_pulled_ever_harder(ros, device, example
     with connected(TrajectoryConfig) as pusher:
         go_on, here = device._go_on, device.joints
 
-        def held() -> None:
-            go_on()
+        def held(until: float) -> None:
+            go_on(until)
             device.joints = here
 
         device._go_on = held

@@ -21,6 +21,7 @@ from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ell
 from pushfric_msgs.msg import Basis, FrictionModel, Observation, PlanarPose
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
+from pushfric_ros.node_kit import turns
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, REQUESTS
 from pushfric_ros.nodes.estimator import EstimatorNode
@@ -337,13 +338,16 @@ def test_a_deadline_ends_the_work(ros):
     assert cell.figures()["waiting"] == 0
 
 
-def test_a_short_request_does_not_wait_for_long_ones(ros):
+def test_a_short_request_does_not_wait_for_long_ones(ros, monkeypatch):
     cell = Cell(ros, longest=60.0)
     cell.estimate()
     client = cell.client("predict_push")
-    long = [client.call_async(many_pushes(10_000)[1]) for _ in range(12)]
-    ros.wait_for(lambda: cell.planner._turns.waiting == len(long), what="the long requests")
-    short = client.call_async(push_request())
+    with monkeypatch.context() as held:
+        held.setattr(turns, "TURN", 0.0)  # no work is done before all have come
+        long = [client.call_async(many_pushes(10_000)[1]) for _ in range(12)]
+        ros.wait_for(lambda: cell.planner._turns.waiting == len(long), what="the long requests")
+        short = client.call_async(push_request())
+        ros.wait_for(lambda: cell.planner._turns.waiting == len(long) + 1, what="the short request")
     ros.wait_for(lambda: short.done() or all(one.done() for one in long), what="the short answer")
     assert short.result().success
     assert not any(one.done() for one in long)
@@ -364,15 +368,20 @@ def test_two_hundred_calls_at_once_of_fifty_clients_are_all_answered(ros):
     assert all(other == first for other in others)
 
 
-def test_requests_of_clients_that_are_gone_are_dropped(ros):
-    cell = Cell(ros, longest=600.0, most_pushes=100_000)
+def test_requests_of_clients_that_are_gone_are_dropped(ros, monkeypatch):
+    cell = Cell(ros, longest=600.0)
     cell.estimate()
     gone = Node("gone", namespace="/cell")  # without an executor, which would still use it when it goes
     clients = [cell.client("predict_push", node=gone) for _ in range(3)]
-    for client in clients:
-        client.call_async(many_pushes(40_000)[1])
-    ros.wait_for(lambda: cell.planner._turns.waiting == len(clients), what="the requests")
-    gone.destroy_node()
+    monkeypatch.setattr(turns, "PATIENCE", 0.0)
+    with monkeypatch.context() as held:
+        held.setattr(turns, "TURN", 0.0)  # no work is done before the clients have gone
+        for client in clients:
+            client.call_async(push_request())
+        ros.wait_for(lambda: cell.planner._turns.waiting == len(clients), what="the requests")
+        service = clients[0].service_name
+        gone.destroy_node()
+        ros.wait_for(lambda: not cell.planner.count_clients(service), what="the clients' end")
     ros.wait_for(lambda: cell.figures()["dropped"] + cell.figures()["answered"] == len(clients), what="an end of the work")
     assert cell.figures()["answered"] == 0
 
