@@ -106,7 +106,7 @@ class EstimatorConfig:
         Loss.L1, "l1: the sum of errors, robust; l2: the sum of their squares, for Gaussian errors (section 6.1)"
     )
     solver: Solver = setting(
-        Solver.SIMPLEX, "simplex: exact; osqp: approximate, for comparison; the loss l2 has its own solver"
+        Solver.SIMPLEX, "simplex: exact; osqp: approximate, for comparison; the loss l2 is always solved by osqp"
     )
     tie_break: bool | None = setting(
         None, f"if several w are equally good, take the w nearest to equal weights; {ABLE}, and without the term force"

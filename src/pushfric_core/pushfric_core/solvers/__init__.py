@@ -20,29 +20,25 @@ def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX,
 
     Args:
         n: number of support points.
-        loss: L2 selects the solver for least squares, whatever `solver` is.
+        loss: L2 needs OSQP, whatever `solver` is.
         solver: of the linear program.
         with_scale: the rows have one more column, that of the scale; only the simplex solver can handle it.
     Raises:
         ValueError: n < 1, or a scale with another solver.
         SolverUnavailable: the solver needs the package osqp, which is not installed.
     """
-    name = "least squares" if loss is Loss.L2 else solver.value
-    if with_scale and name != Solver.SIMPLEX:
+    simplex = loss is Loss.L1 and solver is Solver.SIMPLEX
+    if with_scale and not simplex:
         raise ValueError(f"measured forces with a scale need the loss l1 and the solver simplex, got {loss} and {solver}")
-    try:
-        if loss is Loss.L2:
-            from pushfric_core.solvers.quadratic import LeastSquares
-
-            return LeastSquares(n)
-        if solver is Solver.OSQP:
-            from pushfric_core.solvers.osqp import OsqpLinearProgram
-
-            return OsqpLinearProgram(n)
+    if simplex:
         from pushfric_core.solvers.simplex import Simplex
 
         return Simplex(n, with_scale)
+    try:
+        from pushfric_core.solvers.osqp import OsqpProgram
     except ModuleNotFoundError as error:
         if error.name != "osqp":
             raise
-        raise SolverUnavailable(f"the solver {name} needs the package osqp: pip install 'pushfric_core[osqp]'") from error
+        what = "loss l2" if loss is Loss.L2 else "solver osqp"
+        raise SolverUnavailable(f"the {what} needs the package osqp: pip install 'pushfric_core[osqp]'") from error
+    return OsqpProgram(n, loss)

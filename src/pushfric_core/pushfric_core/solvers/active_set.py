@@ -1,15 +1,11 @@
-"""Quadratic programs over the weights and hard rows, solved exactly: exchanges find which conditions are active.
-
-If the exchanges do not end by themselves, OSQP, a first-order method, finds which w_j vanish and which rows are active. Then
-the optimum is the solution of a linear system, after a few more exchanges if OSQP stopped too early.
-"""
+"""Small quadratic programs over the weights and hard rows, solved exactly: exchanges find which conditions are active."""
 
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import nnls
 
-from pushfric_core.errors import SolverUnavailable
 from pushfric_core.geometry.planar import Array
 from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.solvers.program import HARD_VIOLATION
@@ -17,16 +13,10 @@ from pushfric_core.solvers.program import HARD_VIOLATION
 Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
 
-QUADRATIC = {"eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 4000, "verbose": False}
-"""Tolerance of OSQP, small enough to distinguish zeros."""
-
 RIDGE = 1e-10
 """Makes a linear system without a unique solution regular; refinement removes its effect."""
 
 REFINEMENTS = 4
-
-PROXIMITY = 1e-6
-"""Weight of |w - start|^2 / 2 relative to the largest curvature, if pivoting does not end because many w are nearly as good."""
 
 PIVOTS = 30
 """Cap on the exchanges of active conditions."""
@@ -35,7 +25,7 @@ FRUITLESS = 3
 """Number of exchanges of all wrong conditions that may fail to reduce their number; afterwards, one is exchanged at a time."""
 
 ROUNDS = 20
-"""Cap on the descents of a solve, and on the halvings of a step."""
+"""Cap on the rounds in which violated rows join."""
 
 ZERO = 1e-13
 """Weights, rows and multipliers this far on their wrong side are rounding."""
@@ -63,53 +53,32 @@ class HardRows(NamedTuple):
         return bool(np.all(np.abs(self.equal @ w) <= VIOLATED) and np.all(self.low @ w >= -VIOLATED))
 
 
-class Minimum(NamedTuple):
-    """The solution of a quadratic program."""
+def nearest(point: Array, hard: HardRows, start: Array) -> Array | None:
+    """The w (n,) of the simplex and the hard rows that is nearest to a point (n,); None if no w was found that meets them.
 
-    w: Array
-    reaction: Array  # (n,) sum of the hard rows, each times its multiplier
-
-
-def minimise(hessian: Array, linear: Array, hard: HardRows, start: Array) -> Minimum | None:
-    """min w' H w / 2 - linear . w over the simplex and the hard rows; None if the hard rows could not be met.
-
-    The conditions active at `start` are tried first, then those that OSQP finds. Proximal steps approach the point that those
-    lead to, until its own active conditions give the optimum. Inactive hard rows join when they are violated.
-
-    Args:
-        hessian: H (n, n).
-        linear: (n,).
-        hard: the hard rows.
-        start: (n,) where to begin.
+    The conditions active at `start` (n,) are tried first. Inactive hard rows join when they are violated.
     """
-    scale = float(hessian.diagonal().max()) or 1.0
-    hessian, linear = hessian / scale, linear / scale
-    found, asked = Minimum(start, np.zeros(len(start))), False
+    found, identity = start, np.eye(len(start))
     free, active = start > 0, hard.low @ start <= ZERO
     chosen = np.flatnonzero(active)
     for _ in range(ROUNDS):
         part = HardRows(hard.equal, hard.low[chosen])
-        exact = nearby = _pivot(hessian, linear, part, free, active[chosen], start)
-        if nearby is None:
-            if not asked:
-                start, free, active[chosen] = _approximate(hessian, linear, part)
-                asked = True
-            proximal = hessian + PROXIMITY * np.eye(len(start))
-            nearby = _pivot(proximal, linear + PROXIMITY * start, part, free, active[chosen], start)
-        if nearby is None:
+        closer = _pivot(identity, point, part, free, active[chosen], found)
+        if closer is None:
+            closer = _least_distance(point, part)
+        if closer is None:
             break
-        start, free = nearby.w, nearby.w > 0
-        found = Minimum(start, scale * nearby.reaction)
-        value = hard.low @ start
+        found, free = closer, closer > 0
+        value = hard.low @ found
         active[chosen] = value[chosen] <= ZERO
         value[chosen] = 0.0
         worst = np.argsort(value)[: len(start)]
         worst = worst[value[worst] < -VIOLATED]
-        if exact is not None and not worst.size:
+        if not worst.size:
             break
         active[worst] = True
         chosen = np.append(chosen, worst)
-    return found if hard.allows(found.w) else None
+    return found if hard.allows(found) else None
 
 
 def least_weights(hessian: Array, start: Array) -> Array:
@@ -118,19 +87,17 @@ def least_weights(hessian: Array, start: Array) -> Array:
     none = np.zeros((0, len(start)))
     found = _pivot(hessian, np.zeros(len(start)), HardRows(none, none), start > 0, np.zeros(0, dtype=bool), start)
     if found is not None:
-        return found.w
+        return found
     # the exchanges go round in a circle, which is rare; a soft sum instead of a hard one scales the same optimum
-    from scipy.optimize import nnls
-
     root = np.linalg.cholesky(hessian).T
     w, _ = nnls(np.vstack((root, np.ones(len(start)))), np.append(np.zeros(len(start)), 1.0))
     return np.asarray(w / w.sum())
 
 
-def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Mask, start: Array) -> Minimum | None:
+def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Mask, start: Array) -> Array | None:
     """Block principal pivoting: solve with w_j = 0 outside `free` and the low rows in `active` met; exchange what is wrong.
 
-    If several w are optimal, the result is one near `start`. It is None if the exchanges do not end.
+    None if the exchanges do not end.
     """
     n, equal = len(start), len(hard.equal)
     free, active = free.copy(), active.copy()
@@ -150,9 +117,7 @@ def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Ma
         if not count:
             w = np.maximum(w, 0.0)
             w /= w.sum()
-            # of the right sign, or they prove nothing
-            reaction = dual[1 : 1 + equal] @ hard.equal + np.maximum(multipliers, 0.0) @ hard.low
-            return Minimum(w, reaction) if hard.allows(w) else None
+            return w if hard.allows(w) else None
         if count < fewest:
             fewest, patience = count, FRUITLESS
         elif patience:
@@ -179,33 +144,20 @@ def _stationary(hessian: Array, linear: Array, conditions: Array, free: Mask, st
     return x[:size], -x[size:]
 
 
-def _approximate(hessian: Array, linear: Array, hard: HardRows) -> tuple[Array, Mask, Mask]:
-    """The result of OSQP: w, which of them are not zero, and which low rows are active."""
-    # hardly any program needs this
-    from scipy import sparse
-
-    try:
-        import osqp
-    except ModuleNotFoundError as error:
-        raise SolverUnavailable("this quadratic program needs the package osqp: pip install 'pushfric_core[osqp]'") from error
-
-    n, equal = len(linear), len(hard.equal)
-    conditions = np.concatenate((np.ones((1, n)), hard.equal, np.eye(n), hard.low))
-    low = np.zeros(len(conditions))
-    high = np.full(len(conditions), np.inf)
-    low[0] = high[0] = 1.0
-    high[1 : 1 + equal] = 0.0
-    solver = osqp.OSQP()
-    # convex whatever the rounding
-    hessian = hessian + RIDGE * np.eye(n)
-    solver.setup(sparse.triu(hessian, format="csc"), -linear, sparse.csc_matrix(conditions), low, high, **QUADRATIC)
-    result = solver.solve(raise_error=False)
-    w = np.nan_to_num(result.x)
-    # as in OSQP's own polish, a condition is active if its multiplier exceeds its value
-    active = (conditions @ w < -np.nan_to_num(result.y))[1 + equal :]
-    w = np.maximum(w, 0.0)
-    w = w / w.sum() if w.any() else np.full(n, 1 / n)
-    return w, ~active[:n], active[n:]
+def _least_distance(point: Array, hard: HardRows) -> Array | None:
+    """What `nearest` finds, by nonnegative least squares (Lawson and Hanson 1974, Solving Least Squares Problems, ch. 23)."""
+    n = len(point)
+    equalities = np.vstack((np.ones(n), hard.equal))
+    start, _, rank, _ = np.linalg.lstsq(equalities, np.append(1.0, np.zeros(len(hard.equal))), rcond=RANK)
+    along = np.linalg.svd(equalities)[2][rank:].T
+    start = start + along @ (along.T @ (point - start))
+    sides = np.vstack((np.eye(n), hard.low))
+    least = np.vstack(((sides @ along).T, -sides @ start))
+    residual = least @ nnls(least, np.append(np.zeros(n - rank), 1.0))[0] - np.append(np.zeros(n - rank), 1.0)
+    if abs(residual[-1]) <= ZERO:
+        return None  # the rows contradict each other
+    w = np.maximum(start - along @ residual[:-1] / residual[-1], 0.0)
+    return np.asarray(w / w.sum()) if w.any() else None
 
 
 def hard_rows(rows: ConstraintRows) -> tuple[HardRows, Indices]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pushfric_core.program.constraint_rows import ConstraintRows
-from pushfric_core.solvers.active_set import HardRows, minimise, row_space, unit_rows
+from pushfric_core.solvers.active_set import HardRows, nearest, row_space, unit_rows
 from pushfric_core.solvers.program import Solution, Status, certify
 
 STRICT = 1e-9
@@ -38,10 +38,10 @@ def nearest_uniform(rows: ConstraintRows, solution: Solution) -> Solution:
     n, free = len(support), int(support.sum())
     if len(row_space(np.vstack((face.equal, np.ones(free))))) == free:
         return solution
-    nearest = minimise(np.eye(free), np.full(free, 1 / n), face, solution.w[support])
-    if nearest is None:
+    found = nearest(np.full(free, 1 / n), face, solution.w[support])
+    if found is None:
         return solution
     w = np.zeros(n)
-    w[support] = nearest.w
+    w[support] = found
     certified = certify(rows, w, y)
     return certified if certified.status is Status.OPTIMAL else solution
