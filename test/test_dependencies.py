@@ -315,7 +315,7 @@ USERS = {
     "pydantic": ["estimate", "bags/rubber_rect4"],
     "rich": ["estimate", "bags/rubber_rect4"],
     "rosbags": ["bag", "verify", "bags/rubber_rect4"],
-    "scipy": ["estimate", "bags/rubber_rect4", "--posterior"],
+    "scipy": ["estimate", "bags/rubber_rect4", "--loss", "l2"],
     "serial": ["rehearse", "docs/example_cell/cell.yaml"],
     "shapely": ["region", "bags/rubber_rect4"],
     "tornado": ["calibrate", "table", "pictures", "--camera", "OUT.yaml", "--view", "0"],

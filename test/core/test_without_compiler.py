@@ -9,9 +9,7 @@ import sys
 import pytest
 
 PACKAGE = "pushfric_core"
-PIVOTING, MOTIONS, CHAIN = (
-    f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation", "uncertainty.support_chain")
-)
+PIVOTING, MOTIONS = (f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation"))
 
 AS_PYTHON = """
 import importlib.util, sys
@@ -64,31 +62,9 @@ for name, known in TABLE_1.items():
     print(*(array.tobytes().hex() for array in motion_cone(model, contacts, normals)))
 """
 
-SAMPLING = """
-import numpy as np
-from pushfric_core import Observation, Outline, Twist
-from pushfric_core.uncertainty.posterior import Sampling
-from pushfric_core.uncertainty.support_chain import walk
-
-rng = np.random.default_rng(11)
-points = Outline.rectangle(0.12, 0.08).grid(4, 3)
-data = [
-    Observation((x, -0.04), (0.0, -1.0), Twist(0.1 * x, 0.02, 5 * x + rng.normal(0.0, 0.02)), k // 2, duration=0.1, stamp=k,
-                tip_velocity=(0.0, 0.02 + 5 * x * x))
-    for k, x in enumerate(np.linspace(-0.05, 0.05, 6))
-]
-sampling = Sampling(data, points, np.eye(len(points))[0])
-for chain, warmth in zip(sampling._chains, (1.0, 0.5, 0.1)):
-    print(walk(chain, 400, warmth, rng.random(20_000)), "steps")
-    for array in chain.weights():
-        print(array.tobytes().hex())
-    print(chain.fit.hex(), chain.count, np.asarray(chain.scales).tobytes().hex())
-"""
-
 CASES = [
     (PIVOTING, SOLVING, "the solver is", "(?i)optimal", 201),
     (MOTIONS, MOVING, "predictions are", " 0 1 2\n", 6),  # all modes, for each object
-    (CHAIN, SAMPLING, "the posterior is", "400 steps", 3),
 ]
 
 

@@ -77,7 +77,6 @@ def test_the_keys_of_an_estimate_are_documented(data):
         "--slipping-push",
         1,
         "--samples",
-        "--posterior",
     )
     # demo adds these
     figures |= {"truth": truth(NAME), "bag": "runs/demo"}

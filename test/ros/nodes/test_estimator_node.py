@@ -36,7 +36,7 @@ from pushfric_msgs.msg import (
     SupportFriction,
 )
 from pushfric_msgs.srv import SelectObject, SelectPush
-from pushfric_ros.messages.conversions import observation_to_msg, pose_to_msg, report_from_msg, stamp_to_msg
+from pushfric_ros.messages.conversions import observation_to_msg, pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 
@@ -226,26 +226,6 @@ def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
     out.publish(first)
     ros.wait_for(lambda: len(estimates) == 6, what="an estimate")
     assert [(msg.object, msg.data_points) for msg in estimates[4:]] == [("wood_rect3", 0), ("wood_rect3", 1)]
-
-
-def test_the_posterior_follows_an_estimate_at_rest_and_is_that_of_the_library(ros):
-    node, out, estimates = estimator_of_observations(ros, posterior=True)
-    for observation in DATA:
-        out.publish(observation_to_msg(observation, NAME))
-    ros.wait_for(lambda: len(estimates) and len(estimates[-1].posterior.w), what="a posterior", timeout=60.0)
-    estimator = Estimator(TABLE_1[NAME].support_points)
-    for observation in DATA:
-        estimator.add(observation_from_msg(observation_to_msg(observation, NAME)))
-    said, known = report_from_msg(estimates[-1]).posterior, estimator.estimate().posterior
-    assert said.data_points == known.data_points == len(DATA)
-    assert np.array_equal(said.w, known.w)
-    assert np.array_equal(said.covariance, known.covariance)
-    assert said.radius == known.radius
-    # before it was sampled, and without a push that it rests on, there is none
-    assert not len(estimates[0].posterior.w)
-    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=0)).success
-    ros.wait_for(lambda: estimates[-1].data_points < len(DATA), what="the estimate without the push")
-    assert estimates[-1].posterior.data_points < len(DATA)
 
 
 def test_a_push_is_excluded(ros):

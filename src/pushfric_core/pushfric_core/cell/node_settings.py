@@ -349,7 +349,6 @@ class EstimatorNodeConfig:
         DataPointSource.POSES, "poses: observations from object_pose and pusher_state; observations: from that topic"
     )
     bag: str = setting("", "folder of the run's bag, from which a restarted estimator resumes; empty: none")
-    posterior: bool = setting(False, "sample the posterior when the estimate is at rest; each time about a second of computing")
 
 
 @dataclass(frozen=True)

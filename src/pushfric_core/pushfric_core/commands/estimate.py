@@ -48,10 +48,6 @@ def estimate(
     ] = None,
     partial: PartialFlag = False,
     namespace: CellOption = None,
-    posterior: Annotated[
-        bool,
-        typer.Option("--posterior", help="Sample the posterior: p_CF and w if feet may stand anywhere; about a second."),
-    ] = False,
     samples: Annotated[bool, typer.Option("--samples", help="Add weighted samples of w and mu_c to the JSON.")] = False,
     out: Annotated[
         pathlib.Path | None,
@@ -71,17 +67,15 @@ def estimate(
     """
     choices = Choices(object_name, grid, support_points, settings, partial, namespace)
     if out is not None:
-        if figure is not None or save is not None or ledger is not None or samples or posterior:
-            raise InvalidInput(
-                "--figure, --save, --ledger, --posterior and --samples are for one input; --out writes models and a report"
-            )
+        if figure is not None or save is not None or ledger is not None or samples:
+            raise InvalidInput("--figure, --save, --ledger and --samples are for one input; --out writes models and a report")
         usable = _many(inputs, choices, out, jobs, dask, json)
     elif dask is not None:
         raise InvalidInput("--dask is for many inputs: give --out DIR, too")
     elif len(inputs) > 1:
         raise InvalidInput(f"got {len(inputs)} inputs; expected one, or --out DIR for the results of many")
     else:
-        usable = _one(inputs[0], choices, figure, save, posterior, samples, json, ledger)
+        usable = _one(inputs[0], choices, figure, save, samples, json, ledger)
     if not usable:
         sys.exit(1)
 
@@ -91,7 +85,6 @@ def _one(
     choices: Choices,
     figure: pathlib.Path | None,
     save: pathlib.Path | None,
-    posterior: bool,
     samples: bool,
     json: str | None,
     ledger: str | None,
@@ -113,10 +106,8 @@ def _one(
     if save is not None:
         if result.contradiction is not None:
             raise InvalidInput(f"{save}: not written: {result.contradiction}")
-        save_model(estimation.to_model(posterior), save)
-    figures = estimation.figures(posterior)
-    if posterior and "posterior" not in figures:
-        warn(f"no posterior: {result.contradiction if result.lack is None else result.lack.text}")
+        save_model(estimation.to_model(), save)
+    figures = estimation.figures()
     if samples:
         figures["samples"] = ensemble(result)
     if ledger is not None:

@@ -5,7 +5,7 @@ from typing import Any
 
 from pushfric_core.commands.console import console, say
 from pushfric_core.commands.json_option import STDOUT, write_json
-from pushfric_core.estimation.estimate_report import center_line, contact_friction_line, posterior_line
+from pushfric_core.estimation.estimate_report import center_line, contact_friction_line
 from pushfric_core.report.ledger import events, table
 from pushfric_core.report.report import to_json
 from pushfric_core.solvers.program import Loss
@@ -42,8 +42,6 @@ def print_result(figures: dict[str, Any], json: str | None, loss: Loss) -> None:
 
 def _lines(figures: dict[str, Any], loss: Loss) -> Iterator[str]:
     yield center_line(figures)
-    if "posterior" in figures:
-        yield posterior_line(figures)
     yield contact_friction_line(figures)
     if "total_friction" in figures:
         yield f"total  {figures['total_friction']:.3f} N of support friction"

@@ -25,7 +25,6 @@ from pushfric_core.uncertainty import contact_friction
 from pushfric_core.uncertainty.contact_friction import ContactForces, MuC, Tip
 from pushfric_core.uncertainty.model_comparison import Comparison
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
-from pushfric_core.uncertainty.posterior import Posterior, Sampling
 from pushfric_core.uncertainty.reasons import Reason
 from pushfric_core.uncertainty.spread import Spread
 from pushfric_core.wording import observations_of
@@ -123,21 +122,6 @@ class Estimate:
     def confidence(self) -> float | None:
         """Radius about p_CF that holds the true one with a probability of 90 % [m]; None without a spread."""
         return None if self.spread is None else self.spread.radius
-
-    @cached_property
-    def posterior(self) -> Posterior | None:
-        """What the observations say if the support may be an area, feet anywhere, or both: about a second of computing.
-
-        None where there can be no spread: p_CF is given, the pushes vary too little, or they contradict each other.
-        """
-        sampling = self.sampling()
-        return None if sampling is None else sampling.finish()
-
-    def sampling(self) -> Sampling | None:
-        """The posterior in the making, for a program that has other things to do meanwhile."""
-        if self.center_given or self.lack is not None or self.contradiction is not None or not self.data_points:
-            return None
-        return Sampling(list(self.observations), self.support_points, self.w)
 
     @cached_property
     def mu_c(self) -> MuC | None:

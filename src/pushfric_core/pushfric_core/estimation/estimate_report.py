@@ -12,7 +12,6 @@ from pushfric_core.geometry.planar import Array
 from pushfric_core.solvers.program import Status
 from pushfric_core.uncertainty.contact_friction import MuC, Slip
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
-from pushfric_core.uncertainty.posterior import Posterior
 from pushfric_core.uncertainty.reasons import Reason
 
 if TYPE_CHECKING:
@@ -96,7 +95,6 @@ class EstimateReport:
     notes: Sequence[Reason] = ()
     rejected: Sequence[Rejected] = ()
     change: Change | None = None  # of the object
-    posterior: Posterior | None = None  # None: not asked for, or there is none
 
     @classmethod
     def of(
@@ -106,7 +104,6 @@ class EstimateReport:
         slipping: Sequence[bool] = (),
         verdict: Verdict | None = None,
         friction: FrictionReport | None = None,
-        posterior: Posterior | None = None,
     ) -> "EstimateReport":
         """The report on an estimate.
 
@@ -116,7 +113,6 @@ class EstimateReport:
             slipping: for each observation, whether its contact is known to have slipped; empty: for none.
             verdict: on its input; None: not judged.
             friction: what is said of mu_c; None: what this estimate says.
-            posterior: from these observations, or from the first of them.
         """
         solution, spread, verdict = estimate.solution, estimate.spread, verdict or Verdict()
         return cls(
@@ -139,7 +135,6 @@ class EstimateReport:
             verdict.notes,
             verdict.rejected,
             verdict.change,
-            posterior,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -169,16 +164,6 @@ class EstimateReport:
             figures["w_intervals"] = self.spread.intervals.tolist()
             center = (self.spread.middle @ self.support_points).tolist()
             figures["middle"] = {"w": self.spread.middle.tolist(), "center_of_friction": center}
-        if self.posterior is not None:
-            figures["posterior"] = {
-                "center_of_friction": self.posterior.center_of_friction.tolist(),
-                "center_of_friction_covariance": self.posterior.covariance.tolist(),
-                "confidence": self.posterior.radius,
-                "w": self.posterior.w.tolist(),
-                "feet": self.posterior.feet,
-                "area": self.posterior.area,
-                "data_points": self.posterior.data_points,
-            }
         if (mu_c := friction.mu_c) is not None:
             figures["mu_c"] |= {"value": mu_c.value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind.value}
         if friction.slips:
@@ -196,14 +181,6 @@ def center_line(figures: dict[str, Any]) -> str:
     x, y = (1e3 * value for value in figures["center_of_friction"])
     trust = f", within {figures['confidence'] * 1e3:.2f} mm with 90 % probability" if "confidence" in figures else ""
     return f"p_CF   ({x:.2f}, {y:.2f}) mm{trust}"
-
-
-def posterior_line(figures: dict[str, Any]) -> str:
-    """The posterior in words, from what `EstimateReport.to_dict` gives."""
-    found = figures["posterior"]
-    x, y = (1e3 * value for value in found["center_of_friction"])
-    within = f"within {found['confidence'] * 1e3:.2f} mm with 90 % probability"
-    return f"sampled ({x:.2f}, {y:.2f}) mm, {within}; {100 * found['area']:.0f} % on an area, and {found['feet']:.1f} feet"
 
 
 def contact_friction_line(figures: dict[str, Any]) -> str:

@@ -23,7 +23,6 @@ from pushfric_core.mechanics.prediction import FrictionModel, friction_model
 from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
 from pushfric_core.trajectories.observation import PUSH_IDS, Observation
-from pushfric_core.uncertainty.posterior import Posterior
 from pushfric_core.wording import observations_of
 
 SUFFIXES = (".yaml", ".yml")
@@ -70,17 +69,6 @@ class DataPointFile(Strict):
     depth: float | None = None
 
 
-class PosteriorFile(Strict):
-    """The posterior, for a support that may be an area, feet anywhere, or both."""
-
-    w: Annotated[list[Share], pydantic.Field(min_length=1)]
-    center_of_friction: Point  # p_CF [m]
-    covariance: tuple[Point, Point]  # of p_CF [m^2]
-    feet: Positive  # mean number of feet besides the area
-    area: Share  # of the weight
-    data_points: Annotated[int, pydantic.Field(ge=1)]  # that it rests on
-
-
 class MadeFile(Strict):
     """How a model was made."""
 
@@ -107,7 +95,6 @@ class ModelFile(Strict):
     )
     misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.mechanics.prediction.misfit [rad]
     ensemble: tuple[SampleFile, ...] = ()
-    posterior: PosteriorFile | None = None
     made: MadeFile
     versions: dict[str, str] = pydantic.Field(default_factory=dict)
     data_points: tuple[DataPointFile, ...] = ()
@@ -169,9 +156,7 @@ class ModelFile(Strict):
         ]
 
 
-def make_model(
-    model: ObjectModel, estimate: Estimate, source: str, settings: EstimatorSettings, posterior: Posterior | None = None
-) -> ModelFile:
+def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: EstimatorSettings) -> ModelFile:
     """The file of an estimate.
 
     Args:
@@ -179,7 +164,6 @@ def make_model(
         estimate: from at least one observation.
         source: where they came from.
         settings: of the estimator.
-        posterior: from these observations, or from the first of them.
     """
     friction = friction_model(estimate)
     points = [(float(x), float(y)) for x, y in estimate.support_points]
@@ -202,24 +186,9 @@ def make_model(
         total_friction=estimate.total_friction,
         misfit=friction.misfit,
         ensemble=_ensemble(friction),
-        posterior=_posterior(posterior),
         made=made,
         versions={"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in VERSIONED},
         data_points=tuple(map(_data_point, estimate.observations)),
-    )
-
-
-def _posterior(found: Posterior | None) -> PosteriorFile | None:
-    if found is None:
-        return None
-    x, y = found.center_of_friction.tolist()
-    return PosteriorFile(
-        w=found.w.tolist(),
-        center_of_friction=(x, y),
-        covariance=_covariance(found.covariance),
-        feet=found.feet,
-        area=found.area,
-        data_points=found.data_points,
     )
 
 

@@ -49,17 +49,14 @@ class Estimation(NamedTuple):
         """The last estimate."""
         return self.course[-1]
 
-    def figures(self, posterior: bool = False) -> dict[str, Any]:
-        """All numbers, as the command line's JSON names them; with those of the posterior, which takes about a second."""
+    def figures(self) -> dict[str, Any]:
+        """All numbers, as the command line's JSON names them."""
         slipping = [observation.push_id in self.settings.slipping for observation in self.estimator.observations]
-        return EstimateReport.of(
-            self.result, self.model.name, slipping, self.verdict, posterior=self.result.posterior if posterior else None
-        ).to_dict()
+        return EstimateReport.of(self.result, self.model.name, slipping, self.verdict).to_dict()
 
-    def to_model(self, posterior: bool = False) -> ModelFile:
+    def to_model(self) -> ModelFile:
         """The model to keep."""
-        sampled = self.result.posterior if posterior else None
-        return make_model(self.model, self.result, str(self.source), self.settings, sampled)
+        return make_model(self.model, self.result, str(self.source), self.settings)
 
 
 def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_course: bool = False) -> Estimation:

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import nnls
 
 from pushfric_core.geometry.planar import Array
 from pushfric_core.program.constraint_rows import ConstraintRows
@@ -89,6 +88,8 @@ def least_weights(hessian: Array, start: Array) -> Array:
     if found is not None:
         return found
     # the exchanges go round in a circle, which is rare; a soft sum instead of a hard one scales the same optimum
+    from scipy.optimize import nnls
+
     root = np.linalg.cholesky(hessian).T
     w, _ = nnls(np.vstack((root, np.ones(len(start)))), np.append(np.zeros(len(start)), 1.0))
     return np.asarray(w / w.sum())
@@ -146,6 +147,8 @@ def _stationary(hessian: Array, linear: Array, conditions: Array, free: Mask, st
 
 def _least_distance(point: Array, hard: HardRows) -> Array | None:
     """What `nearest` finds, by nonnegative least squares (Lawson and Hanson 1974, Solving Least Squares Problems, ch. 23)."""
+    from scipy.optimize import nnls  # hardly any program needs this
+
     n = len(point)
     equalities = np.vstack((np.ones(n), hard.equal))
     start, _, rank, _ = np.linalg.lstsq(equalities, np.append(1.0, np.zeros(len(hard.equal))), rcond=RANK)

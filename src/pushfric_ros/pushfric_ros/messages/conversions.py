@@ -39,7 +39,6 @@ from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import UNIT, Observation
 from pushfric_core.uncertainty.contact_friction import Kind, MuC, Slip
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
-from pushfric_core.uncertainty.posterior import Posterior
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_msgs.msg import (
     Basis,
@@ -62,9 +61,6 @@ from pushfric_msgs.msg import (
 )
 from pushfric_msgs.msg import (
     Observation as ObservationMsg,
-)
-from pushfric_msgs.msg import (
-    Posterior as PosteriorMsg,
 )
 from pushfric_msgs.msg import (
     Reason as ReasonMsg,
@@ -151,7 +147,6 @@ def estimate_to_msg(report: EstimateReport) -> FrictionEstimate:
     msg.center_of_friction = _point(report.center_of_friction)
     msg.objective, msg.lower_bound, msg.gap = report.objective, report.lower_bound, report.gap
     msg.confidence, msg.spread, msg.change = _number(report.confidence), _spread(report.spread), _change(report.change)
-    msg.posterior = _posterior(report.posterior)
     msg.reasons, msg.notes = _reasons(report.reasons), _reasons(report.notes)
     msg.rejected = [RejectedPush(push_id=one.push_id, reason=_reason(one.reason)) for one in report.rejected]
     friction, mu_c = report.friction, report.friction.mu_c
@@ -176,7 +171,7 @@ def estimate_to_msg(report: EstimateReport) -> FrictionEstimate:
 
 def report_from_msg(msg: FrictionEstimate) -> EstimateReport:
     """The report in a message that has observations."""
-    support, friction, spread, posterior = msg.support_friction, msg.contact_friction, msg.spread, msg.posterior
+    support, friction, spread = msg.support_friction, msg.contact_friction, msg.spread
     kind = KIND_FROM_MSG[friction.kind]
     return EstimateReport(
         object_name=msg.object,
@@ -216,17 +211,6 @@ def report_from_msg(msg: FrictionEstimate) -> EstimateReport:
         change=None
         if msg.change.since_push == ObjectChange.NO_PUSH
         else Change(msg.change.since_push, (msg.change.shift.x, msg.change.shift.y)),
-        posterior=Posterior(
-            np.array(posterior.w),
-            np.array((posterior.center_of_friction.x, posterior.center_of_friction.y)),
-            np.array(posterior.covariance).reshape(2, 2),
-            np.empty((0, len(posterior.w))),
-            posterior.feet,
-            posterior.area,
-            posterior.data_points,
-        )
-        if len(posterior.w)
-        else None,
     )
 
 
@@ -239,7 +223,7 @@ def nothing_known(object_name: str) -> FrictionEstimate:
     mu_c = dict.fromkeys(("value", "low", "high", "p90", "max"), math.nan)
     msg.contact_friction = ContactFriction(header=msg.header, object=object_name, **mu_c)
     msg.objective = msg.lower_bound = msg.gap = msg.confidence = math.nan
-    msg.spread, msg.posterior, msg.change = _spread(None), _posterior(None), _change(None)
+    msg.spread, msg.change = _spread(None), _change(None)
     return msg
 
 
@@ -494,19 +478,6 @@ def _spread(spread: SpreadReport | None) -> Spread:
     low, high = spread.intervals.T
     return Spread(
         covariance=spread.covariance.ravel(), middle=spread.middle, low=low, high=high, data_points=spread.data_points
-    )
-
-
-def _posterior(posterior: Posterior | None) -> PosteriorMsg:
-    if posterior is None:
-        return PosteriorMsg(center_of_friction=_point(NOWHERE), covariance=np.full(4, math.nan), feet=math.nan, area=math.nan)
-    return PosteriorMsg(
-        w=posterior.w,
-        center_of_friction=_point(posterior.center_of_friction),
-        covariance=posterior.covariance.ravel(),
-        feet=posterior.feet,
-        area=posterior.area,
-        data_points=posterior.data_points,
     )
 
 

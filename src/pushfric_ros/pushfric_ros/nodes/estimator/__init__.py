@@ -37,7 +37,6 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.stream import OUTLASTS
 from pushfric_core.uncertainty.geometry_check import tip_stays_away
-from pushfric_core.uncertainty.posterior import Sampling
 from pushfric_core.uncertainty.reasons import ReasonCode
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
@@ -68,9 +67,6 @@ HANDOVER_PERIOD = 0.2
 
 QUIET = 0.5
 """Slow results are published when the estimate has not changed for this time, in wall time [s]."""
-
-SAMPLING_PERIOD = 0.01
-"""Time between two slices of the posterior's sampling, in wall time [s]: what comes meanwhile waits for one of them at most."""
 
 
 class EstimatorNode(Node):
@@ -125,9 +121,6 @@ class EstimatorNode(Node):
         self._before: Estimate | None = None  # the estimate a moment ago
         self._lasted: Estimate | None = None  # the last estimate that had not changed for a while
         self.create_timer(QUIET, self._at_rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._posterior = config.posterior
-        self._sampling: Sampling | None = None  # while an estimate is at rest
-        self._sampler = self.create_timer(SAMPLING_PERIOD, self._sample, clock=Clock(clock_type=ClockType.STEADY_TIME))
         # time that runs backwards means another run of the cell or a bag, whose data must not be mixed with earlier data
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
@@ -148,7 +141,7 @@ class EstimatorNode(Node):
                 assert self._online.estimate is not None
                 made_from = self._bag or self.get_fully_qualified_name()
                 settings = self._settings_now()
-                model = make_model(self._object, self._online.estimate, made_from, settings, self._publications.posterior)
+                model = make_model(self._object, self._online.estimate, made_from, settings)
                 save_model(model, pathlib.Path(self._models.save))
         finally:
             super().destroy_node()
@@ -393,7 +386,6 @@ class EstimatorNode(Node):
     def _show_again(self) -> None:
         """Publish what has changed because other pushes are left out."""
         self._publish_settings()
-        self._publications.posterior = None
         verdict = self._judge()
         self._publications.region()
         if self._online.estimate is None:
@@ -419,20 +411,6 @@ class EstimatorNode(Node):
             if self._judge() != said or not complete:
                 self._publications.estimate(self._verdict)
         self._model_publication.publish(self._verdict)
-        estimate = self._online.estimate
-        self._sampling = estimate.sampling() if self._posterior and estimate is not None else None
-        if self._sampling is not None:
-            self._sampler.reset()
-
-    def _sample(self) -> None:
-        """Sample the posterior of an estimate at rest a little further; what comes next in this run interrupts that."""
-        if self._sampling is None or self._online.estimate is not self._lasted:
-            self._sampler.cancel()
-            return
-        self._sampling.advance()
-        if self._sampling.done:
-            self._publications.posterior, self._sampling = self._sampling.result(), None
-            self._publications.estimate(self._verdict)
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")

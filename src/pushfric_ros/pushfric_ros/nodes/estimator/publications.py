@@ -9,7 +9,6 @@ from pushfric_core.estimation.estimate_report import EstimateReport, FrictionRep
 from pushfric_core.estimation.online_estimation import OnlineEstimation
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.object_file import ObjectModel
-from pushfric_core.uncertainty.posterior import Posterior
 from pushfric_core.uncertainty.spread import is_due
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, FrictionEstimate, Recognition, SupportFriction
 from pushfric_ros.messages.conversions import estimate_to_msg, nothing_known, recognition_to_msg, region_to_msg
@@ -40,7 +39,6 @@ class Publications:
         """Publish the estimation of this object from now on; nothing is published yet."""
         self._object, self._online = model, online
         self._mu_c: FrictionReport | None = None  # what was last said of mu_c
-        self.posterior: Posterior | None = None  # the last one that was sampled
         self._region = CenterOfFrictionRegion()
         self._undrawn: FrictionEstimate | None = None  # published, but not drawn yet
 
@@ -75,8 +73,7 @@ class Publications:
             observations = self._online.observations if self._slipping else ()
             slips = [observation.push_id in self._slipping for observation in observations]
             friction = self._mu_c = FrictionReport.of(estimate, slips)
-        name, posterior = self._object.name, self.posterior
-        msg = estimate_to_msg(EstimateReport.of(estimate, name, verdict=verdict, friction=friction, posterior=posterior))
+        msg = estimate_to_msg(EstimateReport.of(estimate, self._object.name, verdict=verdict, friction=friction))
         self._estimate_out.publish(msg)
         # w, p_CF and mu_c have no status of their own
         self._parts(msg if self._online.usable else nothing_known(self._object.name))
