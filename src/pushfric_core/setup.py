@@ -29,7 +29,7 @@ DIRECTIVES = {
 
 
 SHARED = "pushfric_core._cyutility"
-"""What Cython adds for arrays, once for all compiled modules: half of what there is to compile, and none of it in a loop."""
+"""The module of Cython's code for arrays, made once for all: half of what there is to compile, and none of it in a loop."""
 
 
 def compiled() -> list[Extension]:

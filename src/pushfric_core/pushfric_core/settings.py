@@ -137,7 +137,7 @@ def plain(config: Any) -> dict[str, Any]:
 
 
 def plain_value(value: Any) -> Any:
-    """One value as a node's parameter has it."""
+    """A value as a node's parameter has it."""
     if isinstance(value, tuple):
         return [plain_value(item) for item in value]
     if isinstance(value, enum.Enum):
@@ -146,7 +146,7 @@ def plain_value(value: Any) -> Any:
 
 
 def expected(hint: Any) -> str:
-    """What a value of a field with this type must be, in words."""
+    """The values that a field of this type takes, in words."""
     if is_optional(hint):
         return f"{AUTO} or {expected(written(hint))}"
     if typing.get_origin(hint) is tuple:

@@ -15,7 +15,7 @@ def counted(number: int, one: str, several: str = "") -> str:
 
 
 def data_of(data_points: int, pushes: int) -> str:
-    """What an estimate rests on: 81 observations of 14 pushes."""
+    """The basis of an estimate: 81 observations of 14 pushes."""
     return f"{counted(data_points, 'data point')} of {counted(pushes, 'push', 'pushes')}"
 
 
@@ -36,5 +36,5 @@ def no_such(kind: str, word: str, known: Iterable[str], see: str) -> str:
 
 
 def observations_of(observations: int, pushes: int) -> str:
-    """What an estimate rests on: 81 observations of 14 pushes."""
+    """The basis of an estimate: 81 observations of 14 pushes."""
     return f"{counted(observations, 'observation')} of {counted(pushes, 'push', 'pushes')}"

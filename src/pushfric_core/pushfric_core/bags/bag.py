@@ -39,7 +39,7 @@ class FileGap(NamedTuple):
 
 @dataclass(frozen=True)
 class Damage:
-    """What is wrong with a bag."""
+    """The damage of a bag."""
 
     gaps: tuple[FileGap, ...]  # bytes that cannot be trusted
     missing: dict[str, int] | None  # messages that cannot be read, by topic; None: the bag does not say how many it had
@@ -52,7 +52,7 @@ class Damage:
 
 
 class StoredFile(Protocol):
-    """One file of a bag, whatever its format."""
+    """A file of a bag, whatever its format."""
 
     path: pathlib.Path
     gaps: list[Gap]
@@ -212,7 +212,7 @@ class Bag:
         return Summary(tuple(topics.values()), start, max((file.end_ns for file in filled), default=0))
 
     def _damage(self, metadata: BagMetadata | None, contradictions: list[str]) -> Damage | None:
-        """What is wrong, besides the contradictions that are known so far."""
+        """The damage, besides the contradictions that are known so far."""
         gaps = tuple(FileGap(file.path, gap) for file in self._files for gap in file.gaps)
         contradictions += [f"{file.path.name}: {doubt}" for file in self._files for doubt in file.doubts]
         for name in {name for file in self._files for name in file.first_numbers}:

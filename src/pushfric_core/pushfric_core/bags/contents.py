@@ -78,7 +78,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class Summary:
-    """What can be read of a bag. Both times [ns] are 0 if it has no message."""
+    """Summary of what can be read of a bag. Both times [ns] are 0 if it has no message."""
 
     topics: tuple[Topic, ...]
     start_ns: int

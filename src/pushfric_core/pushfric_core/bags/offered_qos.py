@@ -25,7 +25,7 @@ DURATIONS = ("deadline", "lifespan", "liveliness_lease_duration")
 
 @dataclass(frozen=True)
 class OfferedQos:
-    """One publisher's qualities of service; policies are spelled as in rosbag2."""
+    """The qualities of service of a publisher; policies are spelled as in rosbag2."""
 
     depth: int
     reliability: str

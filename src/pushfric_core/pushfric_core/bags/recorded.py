@@ -179,7 +179,7 @@ class Recorded:
         return reading
 
     def ledger(self) -> Ledger | None:
-        """What does not add up in a bag of a run, and what became of its messages; None if the bag holds no run.
+        """The account of a bag of a run: what does not add up, and what became of its messages; None if the bag holds no run.
 
         Without the object's file next to the bag, it is not known which observations its poses give.
 
@@ -282,7 +282,7 @@ def _check_type(bag: "Bag", topic: str, type_name: str) -> None:
 
 
 class Reading:
-    """What a CSV file or a bag gives, and the account of it.
+    """The observations of a CSV file or a bag, and their account.
 
     Attributes:
         observations: the observations, in order, without those of excluded pushes.

@@ -64,7 +64,7 @@ def read_metadata(folder: pathlib.Path) -> BagMetadata | None:
 
 
 def embedded_metadata(folder: pathlib.Path, text: str) -> BagMetadata | None:
-    """What a file says of its bag in a record of metadata; None if it says nothing that can be used."""
+    """The metadata of a bag in a record of one of its files; None if it says nothing that can be used."""
     try:
         return _metadata(folder, load_yaml(text))
     except (KeyError, TypeError, AttributeError, ValueError):

@@ -85,7 +85,7 @@ def driver_kinds(section: str, values: Mapping[str, Any]) -> list[Any]:
 
 @dataclass(frozen=True)
 class CellFile:
-    """One robot cell."""
+    """A robot cell."""
 
     object: str  # name of an object of Table 1, or path of an object YAML
     camera: CameraConfig | None  # None: another tracker's poses are followed

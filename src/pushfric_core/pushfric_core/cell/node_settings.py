@@ -209,7 +209,7 @@ REPORT_FILE = "report.html"
 
 @dataclass(frozen=True)
 class ShownConfig:
-    """What the view shows of a recorded run. From the graph."""
+    """The recorded run that the view shows. From the graph."""
 
     report: str = setting("", "file of the page that the run leaves behind; empty: none")
 
@@ -372,7 +372,7 @@ class SimulationConfig:
 
 @dataclass(frozen=True)
 class SimulatedRunConfig:
-    """One run of the simulation. From the command line."""
+    """A run of the simulation. From the command line."""
 
     seed: int = setting(0, "seed of the camera's noise and the operator's hand", 0, 2**31)
     speed: float = setting(

@@ -153,7 +153,7 @@ COLUMN = 30
 
 
 def complaint(error: Any) -> str:
-    """What is wrong with a command line, in one line without the wording of a library.
+    """The error in a command line, in one line without the wording of a library.
 
     Args:
         error: a UsageError.
@@ -180,7 +180,7 @@ def _name(parameter: Any) -> str:
 
 
 def _values(name: str, command: Any) -> str:
-    """What follows an option, in words."""
+    """The value of an option, in words."""
     option = next(one for one in command.params if name in (*one.opts, *one.secondary_opts))
     return "no value" if option.is_flag else option.metavar or "|".join(option.type_descriptor.choices)
 

@@ -6,7 +6,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.frame_source import ACCEPTED, TOPICS, DeviceFrames, Frames
 
 ACCEPTED_WITH_TOPICS = f"{ACCEPTED}; or {' or '.join(TOPICS)}, for a camera whose driver is a node"
-"""What a source may be."""
+"""The kinds of a source."""
 
 
 def frames_from(source: str, namespace: str, size: tuple[int, int] | None = None, discovery: Discovery | None = None) -> Frames:

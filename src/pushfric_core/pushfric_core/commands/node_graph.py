@@ -9,7 +9,7 @@ GROUP = "pushfric.node_graph"
 
 
 def borrowed(name: str, what: str) -> Any:
-    """What such a package provides.
+    """The parts that such a package provides.
 
     Args:
         name: of the entry point: frames (from a topic), stroke (pictures along it).

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @comparable
 @dataclass(frozen=True, repr=False)
 class Estimate:
-    """What is known after the last observation; it never changes later.
+    """An estimate after the last observation; it never changes later.
 
     Attributes:
         support_points: (n, 2) [m], object frame.

@@ -34,7 +34,7 @@ def histogram(lower_bounds: npt.ArrayLike) -> np.ndarray:
 
 
 class FrictionReport(NamedTuple):
-    """What an estimate says of mu_c, which takes every observation into account."""
+    """The mu_c of an estimate, which takes every observation into account."""
 
     data_points: int  # it rests on
     p90: float  # 90 % of the lower bounds lie at or below this value

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 MILLIMETRE = 1e3
 INK, GREY, ESTIMATE = "#222222", "#8c8c8c", "#0072b2"
-"""One meaning for each colour, here and in `report.figures`."""
+"""The meaning of each colour, here and in `report.figures`."""
 
 STYLE = {
     "font.size": 9,

@@ -16,7 +16,7 @@ SHARP, SHARP_OFFSET = math.radians(55), 0.12
 
 
 class PlannedPush(NamedTuple):
-    """One push against an edge of the outline."""
+    """A push against an edge of the outline."""
 
     edge: int  # index; edge i runs counter-clockwise from vertex i to vertex i + 1
     offset: float  # of the contact from the middle of the edge, along the edge [m]

@@ -30,7 +30,7 @@ EXACT = 1e-9
 @comparable
 @dataclass(frozen=True)
 class Hypothesis:
-    """What an object may be, or how it may lie.
+    """A hypothesis: an object, or how it may lie.
 
     Args:
         name: label in the ranking.
@@ -65,7 +65,7 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class _Known(Constraint):
-    """What a constraint says of a known w: rows of a single column, whose weight is 1."""
+    """A constraint on a known w: rows of a single column, whose weight is 1."""
 
     constraint: Constraint
     support_points: Array

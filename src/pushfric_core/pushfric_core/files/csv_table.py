@@ -13,7 +13,7 @@ from pushfric_core.plausible import FARTHEST, check_within
 
 
 class Row(NamedTuple):
-    """One row of a table."""
+    """A row of a table."""
 
     where: str  # file and line, for errors
     texts: Mapping[str, str | None]  # of its columns; None: the row is too short

@@ -49,7 +49,7 @@ def shortened(value: object) -> str:
 
 
 def as_named_here(error: Exception, names: Mapping[str, str]) -> str:
-    """What is wrong, in the words of the file.
+    """An error in the words of the file.
 
     Args:
         error: of a record, which names its own fields.

@@ -46,7 +46,7 @@ class ContactFrictionFile(Strict):
 
 
 class SampleFile(Strict):
-    """One sample of the possible w and mu_c."""
+    """A sample of the possible w and mu_c."""
 
     w: list[Share]
     mu_c: Positive
@@ -131,7 +131,7 @@ class ModelFile(Strict):
 
     @property
     def rests_on(self) -> str:
-        """What the model was made from, and whether it may be used, in words."""
+        """The origin of the model, and whether it may be used, in words."""
         made = self.made
         verdict = "no verdict" if made.verdict is None else "; ".join(made.verdict) or "may be used"
         return f"{self.object.name}: {observations_of(made.data_points, made.pushes)} from {made.source}; verdict: {verdict}"

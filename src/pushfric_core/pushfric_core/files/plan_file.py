@@ -23,7 +23,7 @@ ANY_LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.0)
 
 
 class PushEntry(Strict):
-    """One push against an edge."""
+    """A push against an edge."""
 
     edge: int
     offset: Length = 0.0  # of the contact from the middle of the edge, along the edge [m]

@@ -49,7 +49,7 @@ DENTS = 1e-3
 
 
 class Load(NamedTuple):
-    """What presses the object on the table."""
+    """The load that presses the object on the table."""
 
     mass: float  # [kg]
     table_friction: float  # coefficient
@@ -135,7 +135,7 @@ class Body:
 
     @cached_property
     def feet(self) -> Feet:
-        """What stands for the mean support. Each foot bears its weight's share of the mass, on a vertical slide of its own.
+        """Feet in place of the mean support. Each bears its weight's share of the mass, on a vertical slide of its own.
 
         So its normal force is exact however many feet there are; feet of one rigid body would share the load in an unknown way
         if there were more than three.

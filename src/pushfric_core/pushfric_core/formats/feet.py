@@ -67,7 +67,7 @@ def few_feet(support: Support) -> Feet:
 
 
 def _wrenches(points: Array, support: Support) -> Array:
-    """What a unit of weight at each point adds to the wrenches of s motions, the force and the first moments (3s + 3, n).
+    """The share of a unit of weight at each point in the wrenches of s motions, the force and the first moments (3s + 3, n).
 
     Moments are about p_CF, in units that make the limit surface about round.
     """

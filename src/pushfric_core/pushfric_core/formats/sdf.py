@@ -54,7 +54,7 @@ def _hang(model: Element, name: str, parent: str, joint: str, axis: Triple, mass
 
 
 def _shape(link: Element, k: int, place: Triple, geometry: Element, friction: float) -> None:
-    """What is seen of a link, and what tip or table meets, with this coefficient."""
+    """The visual and the collision element of a link, with this coefficient."""
     for kind in ("visual", "collision"):
         part = element(link, kind, name=f"{kind}_{k}")
         element(part, "pose", numbers(*place, 0, 0, 0))

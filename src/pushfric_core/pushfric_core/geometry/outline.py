@@ -247,7 +247,7 @@ class Outline:
 
     @cached_property
     def _sides(self) -> list[tuple[float, ...]]:
-        """Of each edge: where it begins, its vector, its normal, and its length squared."""
+        """The edges: where each begins, its vector, its normal, and its length squared."""
         columns = (self.vertices, self.edges, self.normals, (self.lengths**2)[:, None])
         return [tuple(row) for row in np.hstack(columns).tolist()]
 

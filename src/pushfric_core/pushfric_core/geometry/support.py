@@ -102,7 +102,7 @@ NOT_FREE = FreeRadii(0.0, 0.0)
 
 @comparable
 class SupportForces(NamedTuple):
-    """What a motion says about the friction forces of unit weights: f_j = directions_j + any force of at most free_j.
+    """The friction forces of unit weights in a motion: f_j = directions_j + any force of at most free_j.
 
     Example:
         >>> from pushfric_core import SupportForces, functional_rows

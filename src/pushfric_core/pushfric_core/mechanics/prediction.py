@@ -156,7 +156,7 @@ class FrictionModel:
 
 @comparable
 class Predictions(NamedTuple):
-    """What k pushes do: the motion of the mean friction, and how those of the samples scatter about it.
+    """The effect of k pushes: the motion of the mean friction, and how those of the samples scatter about it.
 
     Example:
         >>> from pushfric_core import TABLE_1, FrictionModel, predict
@@ -316,7 +316,7 @@ def stability(
 
 
 def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: int) -> float:
-    """What a model cannot explain of the observations it was made from, for `FrictionModel.misfit` [rad].
+    """The misfit that a model leaves in the observations it was made from, for `FrictionModel.misfit` [rad].
 
     Each observation's motion is compared with the one that the mean friction predicts, see `_explained`. The misfit is the
     angle that 90 % of new observations stay below (the order statistic of rank ceil(0.9 (m + 1))), enlarged because w was

@@ -33,7 +33,7 @@ class SurfaceError(NamedTuple):
 @comparable
 @dataclass(frozen=True)
 class NamedEllipsoid:
-    """What most planners assume: (f / f_max)^2 + (m / m_max)^2 = 1, for a force f and its moment m about `center`.
+    """The ellipsoid of most planners: (f / f_max)^2 + (m / m_max)^2 = 1, for a force f and its moment m about `center`.
 
     Attributes:
         f_max: force that translates the object; 1, the unit of force, or [N].

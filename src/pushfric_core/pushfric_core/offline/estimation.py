@@ -1,4 +1,4 @@
-"""One estimate from one bag or CSV."""
+"""The estimate from a bag or CSV."""
 
 import pathlib
 from dataclasses import dataclass, field

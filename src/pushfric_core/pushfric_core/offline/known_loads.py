@@ -29,7 +29,7 @@ class LoadsFile(Strict):
 
 
 class Checked(NamedTuple):
-    """One trial."""
+    """A trial."""
 
     data: str
     expected: tuple[float, float]  # p_CF by statics, object frame [m]

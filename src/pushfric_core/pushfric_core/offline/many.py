@@ -132,7 +132,7 @@ def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> Iterator[Line]:
 
 
 def _checksum(line: Line) -> str:
-    """Of all that a line says besides; it shows whether somebody, or a failing disk, has changed it."""
+    """Checksum of all that a line says besides; it shows whether somebody, or a failing disk, has changed it."""
     said = {key: value for key, value in line.items() if key != "checksum"}
     return hashlib.sha256(to_json(said).encode()).hexdigest()[:16]
 

@@ -47,7 +47,7 @@ TOLD = {PLAN: TYPES[PLAN], FAULT: "std_msgs/msg/String", KEYFRAMES: "sensor_msgs
 """Topics about a run besides its data, with their types."""
 
 MODULES = ("drawings", "line", "run", "view")
-"""Of the page, each after those that it imports."""
+"""Modules of the page, each after those that it imports."""
 
 FEWEST_LEARNT = 4
 """With fewer pushes to learn from, nothing is predicted."""

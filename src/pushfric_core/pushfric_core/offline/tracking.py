@@ -20,7 +20,7 @@ POSE = "object_pose"
 
 @dataclass
 class Tracked:
-    """One image of a bag, tracked again."""
+    """An image of a bag, tracked again."""
 
     stamp: int  # of its pose [ns]
     pose: Pose | None  # where the object is seen now, in the table frame; None: nowhere

@@ -1,4 +1,4 @@
-"""One function called for many arguments, by processes of this machine or by the workers of a Dask cluster."""
+"""A function called for many arguments, by processes of this machine or by the workers of a Dask cluster."""
 
 import multiprocessing
 import os

@@ -103,7 +103,7 @@ class ClickedPoints:
                 self.problem = str(error)
 
     def figures(self) -> dict[str, Any]:
-        """What the page shows: all lengths in m, all pixels as (u, v)."""
+        """The content of the page: all lengths in m, all pixels as (u, v)."""
         figures: dict[str, Any] = {"points": self._points, "problem": self.problem, "fit": None}
         figures |= {"target": str(self._target), "width": self._lens.width, "height": self._lens.height, "marks": self._marks}
         if self.found is not None:

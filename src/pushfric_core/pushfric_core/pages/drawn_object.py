@@ -22,7 +22,7 @@ MOST = 200
 """Number of corners, and of support points."""
 
 LONGEST_SIDE_PX = 1600
-"""Of the picture that the page shows."""
+"""Longest side of the picture that the page shows."""
 
 EMPTY = 0.3
 """Width of an empty sheet [m]."""
@@ -47,7 +47,7 @@ class DrawnSupport(Strict):
 
 
 class Drawing(Strict):
-    """What the page has drawn."""
+    """The object as the page has drawn it."""
 
     outline: Points = Field(default=[])
     support: DrawnSupport = DrawnSupport(**USUAL)
@@ -109,20 +109,20 @@ class DrawnObject:
             self.problem = str(error).removeprefix(f"{self._target}: ")
 
     def _changes(self) -> dict[str, Any]:
-        """What differs from the file."""
+        """The differences from the file."""
         drawn = self._drawing.model_dump(mode="json", exclude_none=True, exclude={"picture", "find"})
         if self._height != self._written().get("height", 0.0):
             drawn["height"] = self._height
         return {key: _rounded(value) for key, value in drawn.items() if _rounded(value) != self._written().get(key, {})}
 
     def _written(self) -> dict[str, Any]:
-        """What is in the file."""
+        """The content of the file."""
         if self._before is None:
             return {}
         return self._before.model_dump(mode="json", exclude_none=True, include={"outline", "support", "height"})
 
     def figures(self) -> dict[str, Any]:
-        """What the page shows: all lengths in m, in the object frame, or the picture's where it says so."""
+        """The content of the page: all lengths in m, in the object frame, or the picture's where it says so."""
         left, bottom, wide, high = self._region
         return {
             "target": str(self._target),
@@ -218,7 +218,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _from_above(camera: Camera, image: Image, pose: Pose, height: float) -> tuple[Image, tuple[float, float, float, float]]:
-    """What a picture shows of the plane at a height over the table, from straight above, along the axes of a pose.
+    """The plane at a height over the table as a picture shows it, from straight above, along the axes of a pose.
 
     Returns:
         The picture, and its left, bottom, width and height in the frame of the pose [m].

@@ -19,7 +19,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.report.story import RUN_PAGE
 
 FOLDERS = (pathlib.Path(__file__).parent / "page", RUN_PAGE)
-"""Of the pages' files."""
+"""Folders of the pages' files."""
 
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
@@ -123,7 +123,7 @@ class PageServer:
             self._loop.call_soon_threadsafe(function, *arguments)
 
     async def bid_farewell(self) -> None:
-        """What visitors are told before the end."""
+        """The last words to visitors."""
 
     def _serve(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -147,7 +147,7 @@ class PageServer:
 
 
 class _Served(RequestHandler):
-    """What every answer of the server has."""
+    """The common part of every answer of the server."""
 
     def initialize(self, server: Any) -> None:
         self.server = server
@@ -164,7 +164,7 @@ class Page(_Served):
     server: PageServer
 
     def get(self, name: str) -> None:
-        """One of the files of a page."""
+        """A file of a page."""
         if not self.server.is_own(self.request.host):
             raise HTTPError(403)
         name = name or self.server.index

@@ -22,7 +22,7 @@ Reply = bytes | dict[str, Any]
 
 
 class Work(Protocol):
-    """What is done on such a page, until it is saved. Each method may raise InvalidInput, whose text the page shows."""
+    """The work on such a page, until it is saved. Each method may raise InvalidInput, whose text the page shows."""
 
     def show(self, image: Image, source: str) -> None:
         """Take a picture (height, width) of a source to work over, the first or another one."""
@@ -34,7 +34,7 @@ class Work(Protocol):
         """Take what the page's visitor has done so far, a JSON text."""
 
     def figures(self) -> dict[str, Any]:
-        """What the page shows: all lengths in m, all pixels as (u, v)."""
+        """The content of the page: all lengths in m, all pixels as (u, v)."""
 
     def save(self) -> str:
         """Write the result; return what the page says then."""
@@ -157,7 +157,7 @@ class _Question(Asked):
 
 
 class Shown(_Question):
-    """What the page shows; changes nothing."""
+    """An answer of the page's content; changes nothing."""
 
     async def get(self, what: str) -> None:
         """Answer the question, unless it comes from the page of another site or without the token."""
@@ -165,7 +165,7 @@ class Shown(_Question):
 
 
 class Done(_Question):
-    """What the page changes."""
+    """A change by the page."""
 
     async def post(self, what: str) -> None:
         """Carry the request out, unless it comes from the page of another site or without the token."""

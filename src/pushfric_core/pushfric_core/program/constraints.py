@@ -24,7 +24,7 @@ from pushfric_core.trajectories.observation import Observation
 
 
 class Constraint(ABC):
-    """What an observation says about w, as rows of the fit error.
+    """A constraint of an observation on w, as rows of the fit error.
 
     `EstimatorConfig.terms` takes objects of any subclass next to the names of the built-in ones. A subclass defines `rows`,
     for which `functional_rows` does most of the work.

@@ -1,4 +1,4 @@
-"""One thing that the doctor, or a driver on its behalf, has checked."""
+"""A check by the doctor, or by a driver on its behalf."""
 
 from enum import Enum
 from typing import NamedTuple
@@ -13,7 +13,7 @@ class Grade(Enum):
 
 
 class Check(NamedTuple):
-    """One thing that was checked."""
+    """A check and its finding."""
 
     name: str
     level: Grade

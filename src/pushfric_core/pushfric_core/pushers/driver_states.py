@@ -7,7 +7,7 @@ from pushfric_core.pushers.state_table import Row, State
 
 
 class Phase(Enum):
-    """What the driver does; each phase but the first and the one at rest is a script, which ends with Event.DONE."""
+    """The driver's activity; each phase but the first and the one at rest is a script, which ends with Event.DONE."""
 
     CLOSED = "port closed"
     CONNECTING = "connecting"
@@ -21,7 +21,7 @@ class Phase(Enum):
 
 
 class Status(Enum):
-    """What the controller reports."""
+    """The controller's mode, as it reports it."""
 
     IDLE = "reported idle"
     ALARM = "reported in alarm"
@@ -30,12 +30,12 @@ class Status(Enum):
 
 Trust = Enum("Trust", {"TRUSTED": "position trusted", "DOUBTED": "position in doubt"})
 Next = Enum("Next", {"NOTHING": "nothing due", "RECOVERY": "recovery due"})
-"""What follows a stop."""
+"""The step that a stop leaves due."""
 Role = Enum("Role", {"DRIVES": "may interfere", "LOOKS": "only looks"})
 
 
 class Event(Enum):
-    """What happens to the driver."""
+    """An event at the driver."""
 
     CONNECT = "connect"
     MOVE = "move"
@@ -47,7 +47,7 @@ class Event(Enum):
 
 
 class Action(Enum):
-    """What is sent at once."""
+    """A command that is sent at once."""
 
     HOLD = "feed hold"
 

@@ -41,7 +41,7 @@ RESET_PATIENCE = 6.0  # a greeting after a reset may take this long [s]
 OFFSET_ROUNDING = 2e-3  # a sum of rounded numbers [mm]
 INCH = 25.4  # [mm]
 ECHOED = b"".join(command.value for command in RealTime)
-"""What a terminal in between may echo, even in the middle of a line."""
+"""The characters that a terminal in between may echo, even in the middle of a line."""
 
 
 class Grbl(SerialPusher):

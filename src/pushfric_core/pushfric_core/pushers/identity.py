@@ -1,4 +1,4 @@
-"""What tells one serial device from another, whatever its port is called today."""
+"""The identity of a serial device, whatever its port is called today."""
 
 import os
 

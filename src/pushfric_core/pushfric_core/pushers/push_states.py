@@ -6,7 +6,7 @@ from pushfric_core.pushers.state_table import Row, State
 
 
 class Life(Enum):
-    """Of the managed node."""
+    """Lifecycle of the managed node."""
 
     UNCONFIGURED = "unconfigured"
     INACTIVE = "inactive"
@@ -14,7 +14,7 @@ class Life(Enum):
 
 
 class Task(Enum):
-    """What the actuator does with the pusher."""
+    """The actuator's use of the pusher."""
 
     DISCONNECTED = "disconnected"
     NONE = "no task"
@@ -34,7 +34,7 @@ class Position(Enum):
 
 
 class Needs(Enum):
-    """What a push needs: signs of life of its client and of the required nodes, a measured force, and time."""
+    """The needs of a push: signs of life of its client and of the required nodes, a measured force, and time."""
 
     MET = "client lives, needs met"
     AWAITED = "signs of life awaited"
@@ -46,14 +46,14 @@ Hold = Enum("Hold", {"FREE": "free", "HELD": "held"})
 Homing = Enum("Homing", {"HOMES": "homes", "UNLOCKS": "does not home"})
 """The setting `home`: what a recovery does."""
 Enable = Enum("Enable", {"ENABLED": "enabled", "DISABLED": "not enabled"})
-"""What the topic enable said within `enable_timeout`."""
+"""The last word of the topic enable within `enable_timeout`."""
 Controller = Enum("Controller", {"IDLE": "driver idle", "NOT_IDLE": "driver not idle"})
 Way = Enum("Way", {"RETURNS": "to come back", "ONE_WAY": "not to come back"})
-"""Of the push that is under way."""
+"""Course of the push that is under way."""
 
 
 class Event(Enum):
-    """What happens to an actuator."""
+    """An event at an actuator."""
 
     CONFIGURE = "configure"
     ACTIVATE = "activate"
@@ -73,7 +73,7 @@ class Event(Enum):
 
 
 class Action(Enum):
-    """What the actuator does about it."""
+    """An action of the actuator."""
 
     MOVE = "push"
     RETRACT = "go back"

@@ -1,4 +1,4 @@
-"""What the actuator node asks of a pusher, whatever protocol it speaks, and what can go wrong with one."""
+"""The interface of a pusher, whatever protocol it speaks, and the errors of one."""
 
 import dataclasses
 import math
@@ -78,7 +78,7 @@ class Jumped(PusherError):
 
 
 class Mode(Enum):
-    """What a pusher is doing; the names are those of PusherState.MODE_*."""
+    """The activity of a pusher; the names are those of PusherState.MODE_*."""
 
     DISCONNECTED = "disconnected"
     IDLE = "idle"
@@ -154,7 +154,7 @@ class PusherReport(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What the controller is configured to; infinite if it did not say."""
+    """The limits that the controller is configured to; infinite if it did not say."""
 
     travel: float = math.inf  # enforced by the controller [m]
     max_speed: float = math.inf  # [m/s]
@@ -162,7 +162,7 @@ class Limits(NamedTuple):
 
 
 class Pusher(Protocol):
-    """What the actuator node needs of a pusher, whatever protocol it speaks."""
+    """A pusher as the actuator node needs it, whatever protocol it speaks."""
 
     @property
     def mode(self) -> Mode: ...
@@ -176,11 +176,11 @@ class Pusher(Protocol):
 
     @property
     def name(self) -> str:
-        """What answered, for people."""
+        """The name of what answered, for people."""
 
     @property
     def place(self) -> str:
-        """What tells it from other pushers, once it is connected: a serial number, or the socket that it is plugged into.
+        """The identity of the pusher, once it is connected: a serial number, or the socket that it is plugged into.
 
         A path, from the root, means that nothing better is known.
         """

@@ -21,7 +21,7 @@ class SerialConfig(SerialSettings, ABC):
 
     @abstractmethod
     def driver_class(self) -> "type[SerialPusher]":
-        """What speaks the firmware's protocol."""
+        """The driver that speaks the firmware's protocol."""
 
     def open_pusher(self, config: PusherConfig) -> Pusher:
         """The driver; nothing is opened yet."""

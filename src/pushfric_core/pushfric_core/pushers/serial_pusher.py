@@ -1,4 +1,4 @@
-"""What all drivers of a controller on a serial port have in common: a stroke is a stream of short pieces.
+"""The common part of all drivers of a controller on a serial port: a stroke is a stream of short pieces.
 
 Nothing here blocks, and there is no thread. The owner calls `poll()` a hundred times a second or more; it reads what has
 arrived and takes the next step of what is under way. `ask()` requests a report. Waits are measured in real time.
@@ -92,7 +92,7 @@ class Halted(PusherError):
 
 @dataclass(frozen=True)
 class StatusReport:
-    """What a controller reports of itself, in its units (mm or inch, per minute)."""
+    """A controller's report of itself, in its units (mm or inch, per minute)."""
 
     state: str  # as GRBL names them: Idle, Run, Hold, Jog, Alarm, Door, Check, Home, Sleep; grblHAL also Tool
     substate: int | None = None  # Hold:0 at rest, Hold:1 braking; Door:0-3
@@ -193,7 +193,7 @@ class SerialPusher(ABC):
     # What differs between controllers
 
     sign_of_life: ClassVar[str]
-    """What a person can try in a terminal, and must see."""
+    """A trial for a person in a terminal, and what must be seen."""
 
     idle_reports = 10
     """This many in a row that say so, away from the target, mean that a motion ended early."""
@@ -204,7 +204,7 @@ class SerialPusher(ABC):
     @staticmethod
     @abstractmethod
     def settings_of(axis: str) -> tuple[str, str, str]:
-        """What the firmware calls the greatest travel, speed and acceleration of an axis."""
+        """The firmware's names of the greatest travel, speed and acceleration of an axis."""
 
     @property
     @abstractmethod
@@ -212,7 +212,7 @@ class SerialPusher(ABC):
 
     @property
     def unit(self) -> float:
-        """Of positions in reports [mm]; settings and commands are always in mm."""
+        """Unit of positions in reports [mm]; settings and commands are always in mm."""
         return 1.0
 
     @property
@@ -226,7 +226,7 @@ class SerialPusher(ABC):
 
     @abstractmethod
     def _last_words(self, homing: bool) -> bytes:
-        """What stops the pusher when the port is left in mid-motion."""
+        """The mechanism that stops the pusher when the port is left in mid-motion."""
 
     @abstractmethod
     def _send_question(self) -> None:

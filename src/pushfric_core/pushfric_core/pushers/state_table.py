@@ -10,19 +10,19 @@ from enum import Enum
 from typing import NamedTuple
 
 State = frozenset[Enum]
-"""One member of each enumeration of the machine."""
+"""The state: a member of each enumeration of the machine."""
 
 
 class Row(NamedTuple):
-    """One line of a table."""
+    """A line of a table."""
 
     events: tuple[Enum, ...]
     when: Set[Enum]
-    """What must be there; members of one enumeration are alternatives."""
+    """The members that must be there; those of one enumeration are alternatives."""
     then: Set[Enum] = frozenset()
-    """What is there afterwards, in place of the other members of these enumerations."""
+    """The members that are there afterwards, in place of the others of these enumerations."""
     do: Enum | None = None
-    """What is to be done."""
+    """The actions to be taken."""
 
     def applies(self, event: Enum, situation: State) -> bool:
         """Whether it applies to an event, given the state and the facts."""
@@ -30,7 +30,7 @@ class Row(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What follows an event."""
+    """The consequence of an event."""
 
     state: State
     actions: tuple[Enum, ...]
@@ -38,7 +38,7 @@ class Step(NamedTuple):
 
 
 def step(table: Sequence[Row], state: State, event: Enum, facts: Iterable[Enum] = ()) -> Step | None:
-    """What follows an event; None if it is refused."""
+    """The consequence of an event; None if it is refused."""
     situation = state.union(facts)
     rows = [row for row in table if row.applies(event, situation)]
     if not rows:

@@ -33,7 +33,7 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.spread import ELLIPSE
 
 TRUTH, SLIPPING, OTHER, REACHED = "#d55e00", "#cc79a7", "#009e73", "#56b4e9"
-"""One meaning for each colour, with those of the picture. OTHER marks what the estimate is compared with, REACHED what pushes
+"""The meaning of each colour, with those of the picture. OTHER marks what the estimate is compared with, REACHED what pushes
 reach. The colours are those of Okabe and Ito (Color Universal Design, 2008), which colour-blind readers tell apart."""
 
 MERIDIANS = 8

@@ -1,4 +1,4 @@
-"""What is said of an estimate, of a ranking and of a known object, as JSON."""
+"""JSON of an estimate, of a ranking and of a known object."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""What a run has shown so far, for the page: everything that a visitor who comes late must know, live or from a bag.
+"""The story of a run so far, for the page: everything that a visitor who comes late must know, live or from a bag.
 
 The story is one flat dict; a change is a part of it. A value of None removes a key. Units are SI, frames as in the messages.
 
@@ -91,7 +91,7 @@ class Story:
         return self._plan is not None and bool(self._plan.phase == PHASES["PHASE_FINISHED"])
 
     def begin(self) -> Change:
-        """What is known before anything comes."""
+        """The story before anything comes."""
         model = {"name": self._model.name, "outline": self._model.outline.vertices.tolist()}
         return {"cell": self._cell, "object": model, "estimate": None}
 
@@ -250,7 +250,7 @@ def with_histogram(figures: Change, friction: FrictionReport) -> Change:
 
 
 def _model_of(report: EstimateReport) -> FrictionModel | None:
-    """What an estimate alone predicts with, without its spread; None if it is none to predict with."""
+    """The model that an estimate alone predicts with, without its spread; None if it cannot predict."""
     friction = report.friction
     known = None if friction.mu_c is None else friction.mu_c.value
     mu_c = friction.p90 if known is None else known

@@ -49,7 +49,7 @@ def straying(axis: int, way: Callable[[], float]) -> Filter:
 
 
 class LineDamage(NamedTuple):
-    """One kind of damage to a line."""
+    """A kind of damage to a line."""
 
     name: str
     begin: Callable[[FaultyLine], None]

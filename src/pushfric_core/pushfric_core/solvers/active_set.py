@@ -146,7 +146,7 @@ def _stationary(hessian: Array, linear: Array, conditions: Array, free: Mask, st
 
 
 def _least_distance(point: Array, hard: HardRows) -> Array | None:
-    """What `nearest` finds, by nonnegative least squares (Lawson and Hanson 1974, Solving Least Squares Problems, ch. 23)."""
+    """As `nearest`, by nonnegative least squares (Lawson and Hanson 1974, Solving Least Squares Problems, ch. 23)."""
     from scipy.optimize import nnls  # hardly any program needs this
 
     n = len(point)

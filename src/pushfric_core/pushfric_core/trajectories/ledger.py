@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 POSES, STATES, WRENCHES, OBSERVATIONS, PUSHES = KINDS = ("poses", "pusher states", "wrenches", "observations", "pushes")
-"""What is accounted for."""
+"""The kinds of messages that are accounted for."""
 
 USED = "used"
 BETWEEN_PUSHES = "between pushes"
@@ -67,7 +67,7 @@ class Event(NamedTuple):
 
 @dataclass
 class Account:
-    """What became of the messages of one kind: `received` counts all, `ended` those whose end is known, by reason."""
+    """The account of the messages of one kind: `received` counts all, `ended` those whose end is known, by reason."""
 
     received: int = 0
     ended: Counter[str] = field(default_factory=Counter)

@@ -53,7 +53,7 @@ class ObservationMaker:
         return self._trajectory.events + ([] if self._forces is None else self._forces.events)
 
     def ledger(self) -> Ledger:
-        """What became of all samples so far, if no more were to follow. Observations that were made have no end here."""
+        """The account of all samples so far, if no more were to follow. Observations that were made have no end here."""
         ledger = self._trajectory.ledger()
         if self._forces is not None:
             self._forces.enter(ledger, self._trajectory.settled)

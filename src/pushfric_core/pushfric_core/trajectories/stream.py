@@ -1,4 +1,4 @@
-"""One stream of stamped samples in order of time, so that a wild stamp costs one sample and no other.
+"""A stream of stamped samples in order of time, so that a wild stamp costs one sample and no other.
 
 Which samples count follows from the stamps of their own stream alone, so it is the same live, in a replay and offline:
 
@@ -25,7 +25,7 @@ LEAP = 3
 """A step longer than this multiple of the usual one is a leap."""
 
 OUTLASTS = 10.0
-"""One stream may end this much before another [s]: nodes do not end at once, and a pusher at rest reports seldom."""
+"""A stream may end this much before another [s]: nodes do not end at once, and a pusher at rest reports seldom."""
 
 RECENT = 9
 """Number of steps whose median is the usual one: few enough to follow a stream that changes its rate."""

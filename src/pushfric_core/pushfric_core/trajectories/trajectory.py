@@ -262,7 +262,7 @@ class Trajectory:
         return self._poses.events + self._states.events
 
     def ledger(self) -> Ledger:
-        """What became of all samples so far, if no more were to follow."""
+        """The account of all samples so far, if no more were to follow."""
         ledger = Ledger()
         self._poses.close(ledger, POSES, self._states.last)
         self._states.close(ledger, STATES, self._poses.last)

@@ -205,7 +205,7 @@ class MuC(NamedTuple):
 
 
 def tip_at(observation: Observation) -> tuple[float, float, float, float]:
-    """One observation's row of `Tip`."""
+    """The row of `Tip` of an observation."""
     slip = mismatch = sensed = math.nan
     if observation.tip_velocity is None and observation.force is None:
         return slip, mismatch, sensed, float(observation.push_id)
@@ -261,7 +261,7 @@ def coefficient(forces: ContactForces, tip: Tip, weights: Array) -> MuC | None:
 def _cone_rows(
     forces: ContactForces, tip: Tip, directions: Array, weights: Array
 ) -> Iterator[tuple[Array, Array, npt.NDArray[np.bool_]]]:
-    """What the observations that slide or stick say about mu_c under each w: shear (r,), normal force (r,), and which slide.
+    """The evidence on mu_c of observations that slide or stick, under each w: shear (r,), normal force (r,), and which slide.
 
     Each row is the sum over consecutive observations of a push; at most one row of each push slides. The error of a force is
     the tolerance, in units of the support friction: a velocity that errs by a share of the tip's turns the force by as much.

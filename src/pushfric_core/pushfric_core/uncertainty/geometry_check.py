@@ -45,7 +45,7 @@ ALIKE = 1.01
 
 
 class GeometryFault(NamedTuple):
-    """One way in which contacts are off."""
+    """A way in which contacts are off."""
 
     reason: Reason
     size: float  # of the error [m]
@@ -190,7 +190,7 @@ class _ClusteredFit:
 
     @property
     def size(self) -> float:
-        """Of the lengths together [m]."""
+        """Norm of the lengths together [m]."""
         return math.hypot(*self.lengths())
 
     @property

@@ -90,7 +90,7 @@ DEGREE = math.pi / 180
 
 
 class Explanation(NamedTuple):
-    """One hypothesis that explains the data better than no mistake."""
+    """A hypothesis that explains the data better than no mistake."""
 
     reason: Reason
     gain: float  # logarithm of how much likelier it is than no mistake
@@ -449,7 +449,7 @@ class _Curves:
         return other
 
     def distances(self, w: Array, half_width: float = 0.0) -> tuple[Array, Array]:
-        """Of the motions from the curves (N,) [rad], and how far these reach if the contact may be anywhere within a width."""
+        """Distances of the motions from the curves (N,) [rad], and the reach of these for contacts anywhere within a width."""
         slope = self._slope(w)
         slack = half_width / self._arm * np.abs(self._pressed(w)) / slope
         return self._moments @ w / slope, np.maximum(slack, SCALES[0])

@@ -322,7 +322,7 @@ def _tells_tip(observation: Observation) -> bool:
 
 
 def _median(values: Array) -> float:
-    """Of those that are known; infinite if none is, so that nothing is unusual."""
+    """Median of those that are known; infinite if none is, so that nothing is unusual."""
     known = values[np.isfinite(values)]
     if not len(known):
         return math.inf

@@ -76,8 +76,8 @@ NOISELESS = 1e-8
 """An F below this share of the F of the worst w is rounding: the data fit exactly, and the set is that of the optima."""
 
 EXACT = 1000
-"""What rests on all observations is computed again after each one up to this many; then after every second, third, ..., so that
-its mean cost does not grow. It always says how many observations it holds, and at rest it holds all of them."""
+"""Up to this many observations, each is followed by all that rests on all of them; then every second, third, ..., so that the
+mean cost does not grow. A figure always says how many observations it holds, and at rest it holds all of them."""
 
 
 TO_ELLIPSE = np.linalg.pinv(
@@ -247,7 +247,7 @@ class Excitation:
             self._bearings.add(bearing)
 
     def lack(self, pushes: int) -> Reason | None:
-        """What this number of pushes lacks to show how far p_CF is off; None if it lacks nothing."""
+        """The lack of this number of pushes that keeps it from showing how far p_CF is off; None if there is none."""
         if pushes < FEWEST_PUSHES:
             return Reason(
                 ReasonCode.FEW_PUSHES,

@@ -120,7 +120,7 @@ def calibration_from(
     progress: Callable[[str], None],
     calibrate: Callable[[list[View], tuple[int, ...]], Calibration],
 ) -> Calibration:
-    """What the different views of a board in the images of a source determine.
+    """The quantities that different views of a board in the images of a source determine.
 
     A camera is read until the views are enough; a video or a folder of pictures is read to its end.
 

@@ -27,7 +27,7 @@ MAX_MISPLACED_PX = 2.0
 """The corners of the markers may lie this far (rms) from the places that the file and the fitted pose give them."""
 
 BORDER_MODULES = 2
-"""Of a marker: one on each side of its code."""
+"""Modules of a marker's border: one on each side of its code."""
 
 _EDGE_SAMPLES = 160  # of each marker
 _SLACK_PX = 1  # error of a detected corner

@@ -18,7 +18,7 @@ PICTURE_PERIOD = 1 / 30
 """Time between the pictures of a folder [s]."""
 
 ACCEPTED = "a camera's index (0 is the first), the URL of a stream, a video file, or a folder of pictures"
-"""What a source may be."""
+"""The kinds of a source."""
 
 TOPICS = {"topic": "image_raw", "compressed": "image_raw/compressed"}
 """Sources that are topics, for a camera whose driver is a node, and their names."""

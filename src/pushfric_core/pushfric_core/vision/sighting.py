@@ -66,4 +66,4 @@ class TrackerDriver(Protocol):
         """
 
     def absence(self) -> str | None:
-        """What the tracker still needs to find anything, such as the name of a file, as a line of text; None if nothing."""
+        """The need of the tracker before it can find anything, such as the name of a file, as a line of text; None if none."""

@@ -229,7 +229,7 @@ def _level_points(image: Array, level: float) -> Array:
 
 
 def tip_findings(tip: TipMeasurement, stage: StageConfig, height_is_given: bool) -> list[str]:
-    """What is wrong in the section `pusher` of a cell's file."""
+    """An error in the section `pusher` of a cell's file."""
     origin, direction = np.asarray(stage.line_origin), np.asarray(stage.line_direction) / np.hypot(*stage.line_direction)
     off, found = tip.origin - origin, []
     along, across = float(off @ tip.direction), float(cross(tip.direction, off))

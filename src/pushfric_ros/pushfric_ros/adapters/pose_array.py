@@ -9,7 +9,7 @@ from pushfric_ros.adapters.body import Body, Single, Source
 
 @dataclass(frozen=True)
 class PoseArrayConfig:
-    """One of several bodies on a topic."""
+    """A body among several on a topic."""
 
     topic: str = setting("poses", "name of the topic, geometry_msgs/PoseArray")
     index: int = setting(0, "place of the body in the array, from 0", 0, 10_000)

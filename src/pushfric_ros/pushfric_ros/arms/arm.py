@@ -1,4 +1,4 @@
-"""What all drivers of arms have in common: the tip's pose says where it is, and velocities steer it along the pushing line.
+"""The common part of all drivers of arms: the tip's pose says where it is, and velocities steer it along the pushing line.
 
 An arm is not a stage: it can leave the line. So each command corrects what the last pose shows, and a tip that is more than
 2 mm off its way is stopped. The driver never commands more than the next instant of motion; if the driver dies, the dead-man of
@@ -98,7 +98,7 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
         return None
 
     def checks(self, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
-        """What the doctor says about the arm; nothing is commanded."""
+        """The doctor's findings on the arm; nothing is commanded."""
         with closing(Arm(self, config, self.open_command)) as arm:
             try:
                 arm.connect()
@@ -120,7 +120,7 @@ class Command(Protocol):
 
     @property
     def lacks(self) -> str | None:
-        """What is missing before the arm can be told anything; None: nothing."""
+        """The part that is missing before the arm can be told anything; None: nothing is missing."""
 
     def send(self, velocity: Array, stamp: int) -> None:
         """Move the tip until the next command, without turning it; rest, if the velocity is 0.

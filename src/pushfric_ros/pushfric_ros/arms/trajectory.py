@@ -22,7 +22,7 @@ from pushfric_ros.node_kit.bodies import messages
 from pushfric_ros.node_kit.qos import LATCHED, NEWEST, SENSOR_DATA
 
 LEGS = ((0.06, True), (0.09, True), (0.1, False))
-"""Of a trajectory: how long each lasts, in sum DEAD_MAN [s], and whether the joints still move after it.
+"""Parts of a trajectory: how long each lasts, in sum DEAD_MAN [s], and whether the joints still move after it.
 
 The first one brings them to the speed that is wanted, the last one to rest; a stop has no other.
 """

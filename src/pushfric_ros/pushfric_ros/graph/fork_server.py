@@ -272,7 +272,7 @@ def _serve(commands: socket.socket) -> tuple[dict[str, Any], int]:
 
 
 def _receive(commands: socket.socket) -> tuple[dict[str, Any], list[int]]:
-    """What a process is to run, the file descriptor of its output, and that of what it holds, if there is one.
+    """The program of a process, the file descriptor of its output, and that of what it holds, if there is one.
 
     Ends the server if the command line has gone.
     """

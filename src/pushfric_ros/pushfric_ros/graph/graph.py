@@ -35,7 +35,7 @@ LEAST_TIMEOUT = 10.0
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """One node of the graph."""
+    """A node of the graph."""
 
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)

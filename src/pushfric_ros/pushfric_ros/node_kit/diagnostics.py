@@ -196,7 +196,7 @@ class Diagnostics:
 
 
 class _Input:
-    """What came on a topic."""
+    """The messages that came on a topic."""
 
     def __init__(self, reception: Reception) -> None:
         self.reception = reception

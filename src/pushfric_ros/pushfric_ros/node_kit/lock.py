@@ -1,4 +1,4 @@
-"""One run at a time for each cell of a ROS domain, and one node for each name: a name that the kernel gives to one process.
+"""Locks for the cells of a ROS domain and for the nodes: a name that the kernel gives to a single process at a time.
 
 The name is an abstract address of Unix sockets (unix(7)). It holds for all users and environments that share the loopback
 interface, that is, exactly where nodes hear each other without a network between them. It needs no file. The name is free again

@@ -84,7 +84,7 @@ REMEDIES = {
     False: UNKNOWN + "bring it to its home end, restart the controller, then reset",
     True: UNKNOWN + "see that it is free to move, then reset, which homes",
 }
-"""What a person does about it; the key says whether the cell homes."""
+"""The remedy of a person; the key says whether the cell homes."""
 
 
 @dataclass
@@ -514,7 +514,7 @@ class ActuatorNode(LifecycleNode):
 
     @property
     def _push_id(self) -> int:
-        """Of the push that moves forward now."""
+        """Number of the push that moves forward now."""
         if self._push is None or Task.PUSHING not in self._state or self._push.goal.request.distance < 0:
             return PusherState.NO_PUSH
         return int(self._push.goal.request.push_id)

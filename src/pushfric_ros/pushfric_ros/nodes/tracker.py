@@ -60,7 +60,7 @@ FROZEN_FRAMES = 3
 """This many identical frames in a row mean that the camera is frozen."""
 
 JPEG_QUALITY = 95
-"""Of recorded images."""
+"""Quality of recorded images."""
 
 MOST_KEYFRAMES = 15e6
 """Size of all keyframes of a run [byte]."""

@@ -19,7 +19,7 @@ from pushfric_ros.rehearsal.stage import RESET_AGAIN, EndedEarly, NotRehearsed, 
 LONGEST = 0.05
 """Largest length of a push in the rendered camera's view [m]."""
 ANSWERS = {PlanProgress.PHASE_ALARM: "actuator/reset", PlanProgress.PHASE_CHOOSING: "experiment/repeat"}
-"""What a cell awaits of a person."""
+"""The answers that a cell awaits of a person."""
 
 
 def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":

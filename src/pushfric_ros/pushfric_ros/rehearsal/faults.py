@@ -42,7 +42,7 @@ HOSTILE = ((b"$120=", b"0"), (b"$100=", b"0.000"), (b"$22=", b"1e999"), (b"$110=
 
 
 class Outcome(NamedTuple):
-    """What followed a fault."""
+    """The outcome of a fault."""
 
     fault: str
     seconds: float | None  # from the fault until the pusher rested [s]; None: the pusher was not to stop
@@ -55,7 +55,7 @@ S_contra = TypeVar("S_contra", bound=Stage, contravariant=True)
 
 
 class Fault(NamedTuple, Generic[S_contra]):
-    """One row of the table."""
+    """A row of the table."""
 
     name: str
     bring_about: Callable[[S_contra], float | None]
@@ -500,7 +500,7 @@ CONTRACT: tuple[Fault[Stage], ...] = (
     Fault("the enable is withdrawn", no_more_enable, ENABLE_TIMEOUT + REACTION),
     Fault("the force is too great", too_much_force, check=is_released),
 )
-"""What every driver must pass, with a controller of any kind."""
+"""The rows that every driver must pass, with a controller of any kind."""
 
 FAULTS: tuple[Fault[GrblStage], ...] = (
     *CONTRACT,
@@ -523,4 +523,4 @@ FAULTS: tuple[Fault[GrblStage], ...] = (
     Fault("a wrong digit in a report", report_damaged, check=published_nonsense),
     Fault("the doctor looks at a moving controller", looked_at),
 )
-"""What the GRBL driver must pass, too."""
+"""The rows that the GRBL driver must pass, too."""

@@ -87,7 +87,7 @@ class GrblStage(Stage):
         return -1 if self.grbl.axis[0] == "-" else 1
 
     def _witnessed(self, when: float, state: PusherState) -> None:
-        """What is published is judged, not believed."""
+        """The published state is judged, not believed."""
 
     def spin(self, seconds: float = 0.005) -> None:
         """See Stage; ask the controller for a report if nobody else does."""

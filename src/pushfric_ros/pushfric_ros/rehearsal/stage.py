@@ -45,7 +45,7 @@ class EndedEarly(PushfricError):
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """What the user gives for a rehearsal."""
+    """The user's choices for a rehearsal."""
 
     driver: PusherDriver
     name: str  # of the driver's entry point

@@ -1,4 +1,4 @@
-"""What is so at present, for the page of a run: the nodes' health, where the pusher is, and where the object is."""
+"""The present state, for the page of a run: the nodes' health, where the pusher is, and where the object is."""
 
 from collections.abc import Iterable
 

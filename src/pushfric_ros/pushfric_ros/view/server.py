@@ -20,7 +20,7 @@ from pushfric_core.report.story import Change
 from pushfric_core.trajectories.observation import PUSH_IDS
 
 ACTIONS = ("stop", "reset", "repeat", "skip", "end", "exclude", "keep")
-"""What a visitor may ask for."""
+"""The requests of a visitor."""
 
 FREE_FOR_ALL = "stop"
 """The action that needs no token."""
@@ -139,7 +139,7 @@ class Server(PageServer):
 
 
 class Visitor(WebSocketHandler):
-    """One open page. It gets `{"all": story}` first, then `{"some": change}`, and JPEG pictures as binary messages."""
+    """An open page. It gets `{"all": story}` first, then `{"some": change}`, and JPEG pictures as binary messages."""
 
     def initialize(self, server: Server) -> None:
         self._server = server
@@ -226,7 +226,7 @@ class Picture(Asked):
     server: Server
 
     def get(self, key: str) -> None:
-        """One picture, as JPEG."""
+        """A picture, as JPEG."""
         self.admit()
         jpeg = self.server.kept(key)
         if jpeg is None:

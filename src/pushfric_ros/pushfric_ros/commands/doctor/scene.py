@@ -1,4 +1,4 @@
-"""What is pushed and seen: the calibration of the camera, the object, and the push plan."""
+"""The scene: the calibration of the camera, the object, and the push plan."""
 
 import numpy as np
 

@@ -147,7 +147,7 @@ class EstimatorNode(Node):
             super().destroy_node()
 
     def _interrupted(self) -> "Resumption | None":
-        """What an estimator that died in this run has left behind; None if this is the run's first estimator."""
+        """The remains of an estimator that died in this run; None if this is the run's first estimator."""
         if not self._bag or not mcap_file(pathlib.Path(self._bag)).exists():
             return None
         from pushfric_core.bags.resumption import Resumption  # imported late: few estimators need to read bags

@@ -45,7 +45,7 @@ class PlannerNode(Node):
             self._turns.serve(kind, f"~/{name}", self._begins(name, kind))
 
     def _begins(self, name: str, kind: Any) -> Callable[[Any], tuple[Answer, Refuse]]:
-        """What begins the work for a request of a service, and refuses it: by what is known then, whatever comes later."""
+        """Functions that begin and refuse the work for a request of a service: by what is known then, whatever comes later."""
 
         def begin(request: Any) -> tuple[Answer, Refuse]:
             known = self._known

@@ -31,11 +31,11 @@ NUMBERS = 2 * BLOCK
 
 
 LEAST_STEP = 1e-4
-"""Of a stroke [m]."""
+"""Least step of a stroke [m]."""
 
 
 class Answers:
-    """What a known model answers; each raises ValueError for a request that is wrong or too large.
+    """The answers of a known model; each raises ValueError for a request that is wrong or too large.
 
     Args:
         known: the model.

@@ -24,7 +24,7 @@ class Known:
 
     @cached_property
     def limit_surface(self) -> LimitSurface:
-        """Of the model, which there is; computed when it is first asked for."""
+        """The limit surface of the model, which there is; computed when it is first asked for."""
         assert self.model is not None
         return limit_surface_to_msg(self.basis, self.total_friction, self.model)
 
