@@ -228,6 +228,19 @@ def test_a_chosen_distribution_stays_chosen(workspace):
     assert (before, after) == ("jazzy .venv\n", "kilted .venv-kilted\n")
 
 
+def test_an_environment_keeps_the_python_that_it_was_made_with(script, tmp_path, monkeypatch):
+    """Another one on the PATH, as of conda, pyenv or sudo, had it made again under what was running in it."""
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/python").touch()
+    wanted = [script.ROOT / script.DISTROS[script.DISTRO], script.ROOT / "pushfric"]
+    (tmp_path / "made-from-root").write_text(script.digest(wanted, str(script.ROOT)))
+    monkeypatch.setattr(script, "VENV", tmp_path)
+    monkeypatch.setattr(sys, "version", "3.14.0 (another one)")
+    monkeypatch.setattr(sys, "version_info", (3, 14, 0))
+    monkeypatch.setattr(script, "run", lambda command, *_: pytest.fail(f"{command}"))
+    script.make_venv("demo")
+
+
 def test_uv_is_told_what_pip_is_configured_to(script, tmp_path, monkeypatch):
     (tmp_path / "pip.conf").write_text(
         "[global]\nindex-url = https://own.example/simple\nfind-links =\n    /a\n    /b\ncert = /c.pem\n"
@@ -235,7 +248,7 @@ def test_uv_is_told_what_pip_is_configured_to(script, tmp_path, monkeypatch):
     for name in [name for name in os.environ if name.startswith("PIP_")]:
         monkeypatch.delenv(name)
     monkeypatch.setenv("PIP_CONFIG_FILE", str(tmp_path / "pip.conf"))
-    told = script.uv_settings(pathlib.Path(sys.executable))
+    told = script.uv_settings([sys.executable, "-m", "pip"])
     assert told["UV_DEFAULT_INDEX"].endswith("https://own.example/simple")
     assert told["UV_FIND_LINKS"].split(",")[-2:] == ["/a", "/b"]
     assert told["SSL_CERT_FILE"] == "/c.pem"
@@ -261,18 +274,22 @@ def test_what_nobody_needs_is_taken_out_of_the_wheels(script, tmp_path, monkeypa
     packages, cached = tmp_path / "lib/python3.11/site-packages", tmp_path / "cached.so"
     (packages / "one/tests").mkdir(parents=True)
     (packages / "one/tests/test_all.py").write_text("")
-    (tmp_path / "one.c").write_text("int one(void) { return 1; }")
-    subprocess.run(["g++", "-g", "-shared", "-fPIC", tmp_path / "one.c", "-o", cached], check=True)
+    (packages / "one/one.c").write_text("int one(void) { return 1; }")
+    subprocess.run(["g++", "-g", "-shared", "-fPIC", packages / "one/one.c", "-o", cached], check=True)
     before = cached.read_bytes()
     module = packages / "one/one.cpython-311-x86_64-linux-gnu.so"
     module.hardlink_to(cached)
     for name in ("libone.so", "libone.so.1", "libone.so.1.2", "libtwo.so", "libtwo.so.1"):
         (tmp_path / "lib" / name).write_text("other" if name == "libtwo.so.1" else "same")
+    for name in ("first.libs", "second.libs"):
+        (packages / name).mkdir()
+        (packages / name / "libthree-0a1b.so.3").write_text("theirs")
     monkeypatch.setattr(script, "VENV", tmp_path)
     monkeypatch.setattr(script, "STRIPPED", 1000)
     script.slim()
     assert [path.name for path in (packages / "one").iterdir()] == [module.name]
     links = {path.name: str(path.readlink()) for path in (tmp_path / "lib").iterdir() if path.is_symlink()}
-    assert links == {"libone.so": "libone.so.1", "libone.so.1": "libone.so.1.2"}
+    assert links == {"libone.so": "libone.so.1.2", "libone.so.1": "libone.so.1.2"}
+    assert (packages / "first.libs/libthree-0a1b.so.3").readlink() == pathlib.Path("../second.libs/libthree-0a1b.so.3")
     assert cached.read_bytes() == before
     assert module.stat().st_size < cached.stat().st_size
