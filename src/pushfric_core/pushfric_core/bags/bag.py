@@ -95,11 +95,7 @@ class Bag:
         found = parts.parts_of(self.path, metadata)
         self._files = [self._open(file) for file in found.files]
         self.summary = self._summary()
-        covered = [
-            parts.Covered(path.name, file.counts.total(), file.start_ns, file.end_ns)
-            for path, file in zip(found.files, self._files, strict=True)
-        ]
-        self.damage = self._damage(metadata, [*found.doubts, *parts.compared(covered, metadata)])
+        self.damage = self._damage(metadata, [*found.doubts])
         said = [metadata, *(file.embedded for file in self._files)]
         texts = sorted({" ".join(one.custom[BEFORE].split())[:500] for one in said if one is not None and BEFORE in one.custom})
         self.notes = (

@@ -1,10 +1,9 @@
-"""The files of a bag: whether their numbers, metadata.yaml and what they contain are those of one recording."""
+"""The files of a bag: whether their numbers are those of one recording, and metadata.yaml lists them."""
 
 import os
 import pathlib
 import re
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata
@@ -14,9 +13,6 @@ PATTERNS = ("*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd")
 
 _NUMBERED = re.compile(r"(?P<base>.*)_(?P<number>[0-9]{1,9})\.(?:mcap|db3)(?:\.zstd)?")
 
-OVERLAP_NS = 10**9
-"""Parts of a recording may overlap by this much [ns]: recorders write what several threads receive."""
-
 
 class Parts(NamedTuple):
     """The files of a bag, by number."""
@@ -24,15 +20,6 @@ class Parts(NamedTuple):
     files: tuple[pathlib.Path, ...]
     doubts: tuple[str, ...]
     notes: tuple[str, ...]  # what cannot be known
-
-
-class Covered(NamedTuple):
-    """The contents of a part."""
-
-    name: str
-    messages: int
-    start_ns: int
-    end_ns: int
 
 
 def _numbers(files: Sequence[pathlib.Path]) -> list[tuple[str, int] | None]:
@@ -73,27 +60,3 @@ def parts_of(path: pathlib.Path, metadata: BagMetadata | None) -> Parts:
         names = ", ".join(file.name for file in files[:10])
         doubts.append(f"the names of its files are not those of one bag, with the numbers 0 to {len(files) - 1}: {names}")
     return Parts(files, tuple(doubts), (f"without {METADATA}, nothing says whether a part {len(files)} was recorded",))
-
-
-def compared(parts: Sequence[Covered], metadata: BagMetadata | None) -> list[str]:
-    """Contradictions between the contents of the parts, in order of their numbers, and the metadata."""
-    doubts = []
-    for part in parts:
-        said = None if metadata is None else metadata.by_file.get(part.name)
-        if said is None or not said.messages:
-            continue
-        end_ns = said.start_ns + said.duration_ns
-        if part.messages > said.messages:
-            doubts.append(f"{METADATA} says that {part.name} holds {said.messages} messages, but there are {part.messages}")
-        if part.messages and (part.end_ns > end_ns + OVERLAP_NS or part.start_ns < said.start_ns - OVERLAP_NS):
-            what = f"covers {_span(said.start_ns, end_ns)}, but it covers {_span(part.start_ns, part.end_ns)}"
-            doubts.append(f"{METADATA} says that {part.name} {what}")
-    for before, after in pairwise(part for part in parts if part.messages):
-        if after.start_ns < before.end_ns - OVERLAP_NS:
-            early = (before.end_ns - after.start_ns) * 1e-9
-            doubts.append(f"{after.name} begins {early:.3f} s before {before.name} ends")
-    return doubts
-
-
-def _span(start_ns: int, end_ns: int) -> str:
-    return f"{start_ns * 1e-9:.3f} s to {end_ns * 1e-9:.3f} s"

@@ -4,7 +4,7 @@ import os
 import pathlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.bounded_yaml import load_yaml
@@ -22,14 +22,6 @@ FILE_LIMIT = 10_000
 """Largest number of files of a bag."""
 
 
-class FileMetadata(NamedTuple):
-    """The entry of a file."""
-
-    messages: int
-    start_ns: int
-    duration_ns: int
-
-
 @dataclass(frozen=True)
 class BagMetadata:
     """The part of a metadata.yaml that is used."""
@@ -40,7 +32,6 @@ class BagMetadata:
     compression_format: str
     message_count: int
     by_topic: Mapping[str, int]  # counts of messages
-    by_file: Mapping[str, FileMetadata]
     custom: Mapping[str, str]  # what the writer added
 
 
@@ -95,18 +86,12 @@ def _metadata(folder: pathlib.Path, information: Any) -> BagMetadata:
     for entry in information.get("topics_with_message_count") or []:
         name = str(entry["topic_metadata"]["name"])
         by_topic[name] = by_topic.get(name, 0) + _count(entry["message_count"])
-    by_file = {}
-    for entry in information.get("files") or []:
-        begin, duration = entry["starting_time"]["nanoseconds_since_epoch"], entry["duration"]["nanoseconds"]
-        if type(begin) is not int or type(duration) is not int:
-            raise ValueError("expected the times of files to be whole numbers of nanoseconds")
-        by_file[pathlib.PurePath(entry["path"]).name] = FileMetadata(_count(entry["message_count"]), begin, duration)
     custom = information.get("custom_data") or {}
     if not isinstance(custom, dict):
         raise ValueError("expected custom_data to be a mapping")
     count = _count(information["message_count"])
     said = {str(key): str(value) for key, value in custom.items()}
-    return BagMetadata(storage, tuple(files), mode.lower(), format_, count, by_topic, by_file, said)
+    return BagMetadata(storage, tuple(files), mode.lower(), format_, count, by_topic, said)
 
 
 def _count(value: Any) -> int:

@@ -82,7 +82,7 @@ class NodeExecutor(SingleThreadedExecutor):
                 self._tasks = [one for one in self._tasks if not one[0].done()]
 
     def _ready(self, timeout_ns: int) -> list[tuple[Callable[[Entity], Any], Entity]]:
-        """The ready entities, each with what takes its data and returns the call to make; waits at most so long, -1: for ever."""
+        """The ready entities, each with what takes its data and returns its call; waits at most this long, -1: for ever."""
         (node,) = self.get_nodes()
         entities = [
             list(node.timers),
