@@ -272,7 +272,7 @@ def test_an_account_never_hides_what_it_received():
 
 
 def test_the_accounts_are_documented():
-    text = (pathlib.Path(__file__).parents[2] / "docs/files.md").read_text(encoding="utf-8")
+    text = (pathlib.Path(__file__).parents[3] / "docs/files.md").read_text(encoding="utf-8")
     table = text.split("| account | what ended there |\n|---|---|\n")[1].split("\n\n")[0]
     assert table == "\n".join(f"| {reason} | {meaning} |" for reason, meaning in REASONS.items())
 
