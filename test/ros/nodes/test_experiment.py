@@ -281,24 +281,19 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     wanted = table.wanted[0]
     table.visible = False
     table.wait_for_message("it is not seen")
+    reason = "outline does not fit: it looks 128.6 x 64.8 mm"
+    # whichever node publishes poses says why there are none
+    status = DiagnosticStatus(name="/cell/pose_source", values=[KeyValue(key="no pose", value=reason)])
+    source = ros.node("pose_source", namespace="/cell")
+    said = source.create_timer(0.1, lambda: table._health_out.publish(DiagnosticArray(status=[status])))
+    table.wait_for_message(f": {reason}", 60.0)
+    said.cancel()
     table.object, table.visible = wanted._replace(theta=wanted.theta + 0.7), True
     table.wait_for_message("it is turned 40 degrees too far")
     table.object = wanted
     table.wait_for_message("let it lie still")
     assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
     ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
-
-
-def test_the_operator_is_told_why_the_object_is_not_seen(ros, controller, tmp_path):
-    table = Table(ros, tmp_path)
-    table.visible = False
-    reason = "outline does not fit: it looks 128.6 x 64.8 mm"
-    # whichever node publishes poses says why there are none
-    status = DiagnosticStatus(name="/cell/pose_source", values=[KeyValue(key="no pose", value=reason)])
-    ros.node("pose_source", namespace="/cell").create_timer(
-        0.1, lambda: table._health_out.publish(DiagnosticArray(status=[status]))
-    )
-    table.wait_for_message(f": {reason}", 60.0)
 
 
 LISTENER = """
@@ -363,57 +358,34 @@ def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, 
     assert capfd.readouterr().err.count("a person skipped it") == 2
 
 
-def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):
+@pytest.mark.parametrize("fault", ["alarm", "unplugged", "power cut"])
+def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd, fault):
     table = Table(ros, tmp_path)
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
-    controller.hit_limit()
+    {"alarm": controller.hit_limit, "unplugged": controller.unplug, "power cut": controller.reset}[fault]()
+    if fault == "unplugged":
+        table.wait_for_message("no controller answers: is it switched on, and plugged in?")
+        controller.start()
+        (tmp_path / "port").unlink()
+        (tmp_path / "port").symlink_to(controller.port)
     waiting = table.wait_for_message(ALARM)
     assert waiting.phase == PlanProgress.PHASE_ALARM
     assert "actuator/reset" in waiting.details
-    rest = controller.position()
-    assert rest > 0.005
+    assert controller.position() > 0.005
+    if fault == "power cut":
+        assert f"push 1 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
+        controller._carriage = 0.0  # the operator moves it by hand
+        controller.reset()
+        table.wait_for_message("no controller answers")
+        table.wait_for_message(ALARM)
+        assert controller.position() == 0.0
     assert table.call("actuator/reset")
     table.choose("skip")
     last = table.wait_for_end()
     assert (last.completed, last.skipped) == (2, 1)
     assert pushed(table.states) == [0, 1, 2]
-    assert controller.position() == pytest.approx(0.0, abs=1e-4)
-
-
-def test_a_pusher_unplugged_during_a_push_costs_one_push(ros, controller, tmp_path):
-    table = Table(ros, tmp_path)
-    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
-    controller.unplug()
-    table.wait_for_message("no controller answers: is it switched on, and plugged in?")
-    controller.start()
-    (tmp_path / "port").unlink()
-    (tmp_path / "port").symlink_to(controller.port)
-    table.wait_for_message(ALARM)
-    assert table.call("actuator/reset")
-    table.choose("skip")
-    last = table.wait_for_end()
-    assert (last.completed, last.skipped) == (2, 1)
-
-
-def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd):
-    table = Table(ros, tmp_path)
-    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
-    controller.reset()
-    waiting = table.wait_for_message(ALARM)
-    assert waiting.phase == PlanProgress.PHASE_ALARM
-    assert "actuator/reset" in waiting.details
-    assert f"push 1 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
-    assert controller.position() > 0.005
-    controller._carriage = 0.0  # the operator moves it by hand
-    controller.reset()
-    table.wait_for_message("no controller answers")
-    table.wait_for_message(ALARM)
-    assert controller.position() == 0.0
-    assert table.call("actuator/reset")
-    table.choose("skip")
-    last = table.wait_for_end()
-    assert (last.completed, last.skipped) == (2, 1)
-    assert controller.position() == pytest.approx(0.0, abs=1e-4)
+    if fault != "unplugged":
+        assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("until", ["it is seen", "a person says so"])
@@ -506,8 +478,9 @@ def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(r
     assert len(re.findall(f"aborted: {why}", capfd.readouterr().err)) == 3
 
 
-@pytest.mark.parametrize(("off", "way"), [(3600, "3600 s ahead of"), (-86400, "86400 s behind")])
-@pytest.mark.parametrize("plan", [{}, {"plan": "", "choose": 3}])
+@pytest.mark.parametrize(
+    ("off", "way", "plan"), [(3600, "3600 s ahead of", {}), (-86400, "86400 s behind", {"plan": "", "choose": 3})]
+)
 def test_a_foreign_clock_is_named_before_the_first_push(ros, controller, tmp_path, off, way, plan):
     if plan:
         region = ros.node("region", namespace="/cell").create_publisher(
@@ -546,20 +519,14 @@ def test_a_push_is_stopped_when_what_is_seen_does_not_follow_it(ros, controller,
     assert "check that the camera gives new images" in said
 
 
-def stopped_in_mid_push(ros, tmp_path, **parameters) -> Table:
-    """A run whose first push a person has stopped; nothing moves until a reset, which has been made."""
-    table = Table(ros, tmp_path, speed=0.02, **parameters)
+def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, speed=0.02)
     ros.wait_for(lambda: any(state.push_id == 0 and state.position > 0.002 for state in table.states), 60.0, "a push")
     assert table.call("actuator/stop")
     waiting = table.wait_for_message("it was stopped: press Reset")
     assert (waiting.phase, waiting.details) == (PlanProgress.PHASE_WAITING, "services: actuator/reset; fault: stopped")
     assert not table.call("experiment/withdraw")
     assert table.call("actuator/reset")
-    return table
-
-
-def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, tmp_path):
-    table = stopped_in_mid_push(ros, tmp_path)
     left_out = []
 
     def exclude(request, response):
@@ -576,29 +543,14 @@ def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, t
     assert left_out == [0]
 
 
-def test_a_person_ends_the_run_after_a_stop(ros, controller, tmp_path):
-    table = stopped_in_mid_push(ros, tmp_path)
-    assert not table.call("experiment/withdraw")
-    table.choose("end")
-    last = table.wait_for_message("0 of 3 pushes done; ended by a person")
-    assert (last.phase, last.completed, last.aborted) == (PlanProgress.PHASE_FINISHED, 0, 0)
-
-
 def test_a_person_ends_the_run_while_it_is_stopped(ros, controller, tmp_path):
     """Nothing moves: the pusher stays where it is, and needs no reset."""
     table = Table(ros, tmp_path, speed=0.02)
     ros.wait_for(lambda: any(state.push_id == 0 and state.position > 0.002 for state in table.states), 60.0, "a push")
+    assert not table.call("experiment/repeat")  # nothing was aborted yet
     assert table.call("actuator/stop")
     table.wait_for_message("it was stopped: press Reset")
     assert not table.call("experiment/withdraw")
     assert table.call("experiment/end")
-    table.wait_for_message("0 of 3 pushes done; ended by a person")
-
-
-def test_there_is_nothing_to_repeat_before_a_push_was_aborted(ros, controller, tmp_path):
-    table = Table(ros, tmp_path)
-    table.obedient = False
-    table.wait_for_message("push 1 of 3: place the object at")
-    assert not table.call("experiment/repeat")
-    assert table.call("experiment/end")
-    assert table.wait_for_message("ended by a person").phase == PlanProgress.PHASE_FINISHED
+    last = table.wait_for_message("0 of 3 pushes done; ended by a person")
+    assert (last.phase, last.completed, last.aborted) == (PlanProgress.PHASE_FINISHED, 0, 0)
