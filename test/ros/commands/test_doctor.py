@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from rich.console import Console
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import Image
 
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig
 from pushfric_core.commands import cli, dependencies
@@ -25,7 +24,6 @@ from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig
 from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.settings import plain
-from pushfric_core.simulated import grbl_firmware
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
@@ -203,15 +201,6 @@ def test_missing_and_old_packages_are_named(monkeypatch):
     assert check.advice == "python3 -m pip install 'no-such-package>=1.2' 'numpy>=999'"
 
 
-def test_a_package_of_the_system_needs_no_metadata_of_pip(monkeypatch):
-    def unknown(name):
-        raise dependencies.importlib.metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(dependencies.importlib.metadata, "version", unknown)
-    monkeypatch.setattr(dependencies.importlib.metadata, "requires", {"pushfric_ros": ["opencv-python-headless>=4.7"]}.get)
-    assert machine.check_packages().level is OK
-
-
 @pytest.mark.parametrize(
     ("file", "text", "stale"),
     [
@@ -363,19 +352,6 @@ def test_frames_of_a_topic_are_judged_as_those_of_a_device(ros, encoding):
     assert camera.check_stamps(seen).level is FAILED
 
 
-def test_a_topic_of_no_pictures_is_refused(ros):
-    node = ros.node("camera_driver", namespace="/cell")
-    out = node.create_publisher(CompressedImage, "image_raw/compressed", SENSOR_DATA)
-    node.create_timer(0.02, lambda: out.publish(CompressedImage(format="jpeg", data=b"no picture")))
-    with pytest.raises(InvalidInput, match="image_raw/compressed: not a picture: 10 bytes of format 'jpeg'"):
-        camera.watch(CameraConfig("camera.yaml", source="compressed"), "/cell", None)
-
-
-def test_a_topic_that_nobody_publishes_gives_no_frames(monkeypatch):
-    monkeypatch.setattr(camera, "FRAME_TIMEOUT", 0.2)
-    assert camera.watch(CameraConfig("camera.yaml", source="topic"), "/cell", None) == ([], 0, 0)
-
-
 @pytest.mark.parametrize(
     ("camera", "changes", "level", "finding"),
     [
@@ -396,22 +372,9 @@ def test_calibration_against_the_pushing_line_and_itself(camera, changes, level,
     assert scene.check_calibration(camera, picture, pusher(**changes))[1:3] == (level, finding)
 
 
-def test_a_calibration_that_no_picture_was_compared_with_is_a_warning():
-    check = scene.check_calibration(SHARP, None, pusher())
-    assert check.level is WARNING
-    assert check.finding.endswith("; not compared with a picture, for want of one")
-
-
 def test_a_calibration_of_another_size_fails():
     check = scene.check_calibration(SHARP, np.zeros((240, 320), np.uint8), pusher())
     assert check[1:3] == (FAILED, "made for 640 x 480 px, the camera gives 320 x 240")
-
-
-def test_an_object_too_small_for_the_camera_fails(tmp_path):
-    (tmp_path / "coin.yaml").write_text(yaml.safe_dump({"name": "coin", "outline": [[0, 0], [0.005, 0], [0, 0.005]]}))
-    check = scene.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(str(tmp_path / "coin.yaml")), None)
-    assert check.level is FAILED
-    assert "too small or thin for the tracker" in check.finding
 
 
 def test_an_object_that_is_not_seen_is_a_warning_with_numbers(tmp_path):
@@ -444,15 +407,6 @@ def test_a_port_without_permission_names_its_group(monkeypatch, tmp_path):
     assert check.advice == f"sudo usermod -aG {group} $USER, then log in again"
 
 
-def test_other_firmware_is_told(monkeypatch):
-    monkeypatch.setattr(grbl_firmware, "GREETING", "\r\nGrbl 0.9j ['$' for help]")
-    with SimulatedGrbl(time.monotonic) as controller:
-        check, limits = serial_checks.check_controller(GrblConfig(controller.port), Grbl, pusher())
-    assert (check.level, limits) == (FAILED, None)
-    assert "Grbl 0.9j" in check.finding
-    assert "is too old, expected Grbl 1.1" in check.finding
-
-
 def test_a_controller_without_homing_is_idle_where_it_stands():
     with Listening(time.monotonic, travel=0.1) as controller:
         check, limits = serial_checks.check_controller(GrblConfig(controller.port), Grbl, pusher())
@@ -479,15 +433,6 @@ def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, le
     assert serial_checks.judge(mode, position, "", pusher(home=home)).level is level
 
 
-def test_the_advice_on_a_travel_that_is_too_short_names_what_takes_from_it():
-    limits = Limits(0.059, 0.1, 0.5)
-    advice = serial_checks.check_limits(GrblConfig("none", axis="Y"), Grbl, pusher(), 0.05, 0.02, limits).advice
-    expected = (
-        "shorten pusher.stroke, 60 mm, or set $131 to the axis's travel; where it homes ($22), the pull-off $27 counts as lost"
-    )
-    assert advice == expected
-
-
 @pytest.mark.parametrize(
     ("limits", "axis", "level", "words"),
     [
@@ -507,26 +452,3 @@ def test_the_cell_must_stay_within_what_the_controller_is_set_to(limits, axis, l
 
 
 # What is told
-
-CHECKS = [Check("port", OK, "/dev/ttyUSB0"), Check("camera", FAILED, "no frames from [0]", "plug it in again")]
-
-
-def test_the_table_has_a_line_for_each_check():
-    console = Console(width=100, file=sys.stderr, record=True)
-    console.print(doctor.table(CHECKS))
-    lines = [line.split() for line in console.export_text().splitlines()]
-    assert lines[1:] == [
-        ["ok", "port", "/dev/ttyUSB0"],
-        ["failed", "camera", "no", "frames", "from", "[0]", "plug", "it", "in", "again"],
-    ]
-
-
-def test_the_findings_are_one_json_object():
-    assert json.loads(json.dumps(doctor.findings(CHECKS))) == {
-        "passed": False,
-        "checks": [
-            {"name": "port", "level": "ok", "finding": "/dev/ttyUSB0", "advice": ""},
-            {"name": "camera", "level": "failed", "finding": "no frames from [0]", "advice": "plug it in again"},
-        ],
-    }
-    assert doctor.passed(CHECKS[:1])
