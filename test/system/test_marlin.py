@@ -116,15 +116,6 @@ def test_a_damaged_line_is_refused_and_sent_again(stage: Stage, old: bytes, new:
         assert stage.sent.count(b"G90*") == 1  # it was the same stroke
 
 
-@pytest.mark.parametrize("late", [0.3, 0.4])
-def test_late_answers_count_as_those_of_their_own_lines(stage: Stage, late: float) -> None:
-    """Two questions may still be unanswered when the driver connects again."""
-    stage.line.delay_to_host = late
-    with contextlib.closing(stage.driver()) as pusher:
-        assert pusher.limits.max_speed < 1.0
-        assert stage.push(pusher, 0.02)[-1].position == pytest.approx(0.02, abs=STEP)
-
-
 def test_a_firmware_that_reports_planned_positions_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     with stage_of(real_positions=False) as stage, contextlib.closing(stage.driver()) as pusher:
         now = time.monotonic()
@@ -178,19 +169,6 @@ def test_the_doctor_changes_nothing(stage: Stage) -> None:
     assert checks[1].finding == f"Marlin 2.1.2.1 at {stage.line.port}, idle, at 0.0 mm"
     assert checks[2].advice == "lower pusher.max_speed, 200 mm/s, or raise M203 X"
     assert set(stage.sent.split(b"\n")) == {b"", b"M115", b"M114 R", b"M503"}
-
-
-@pytest.mark.parametrize("setting", [b"M92", b"M201", b"M203"])
-def test_impossible_settings_are_refused(stage: Stage, setting: bytes) -> None:
-    stage.line.to_host = lambda data: re.sub(setting + rb" X[\d.]+", setting + b" X0.00", data)
-    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=20.0)) as pusher:
-        pusher.connect()
-        stage.fails(pusher, NotConnected, rf"is set to {setting.decode()} X0, expected a positive number")
-
-
-def test_an_axis_that_marlin_does_not_report_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"axis must be X, Y or Z, or one of them with a minus sign, got '-A'"):
-        MarlinConfig("/dev/none", axis="-A")
 
 
 def test_a_stop_while_it_homes_halts_the_firmware(stage: Stage) -> None:

@@ -32,8 +32,6 @@ SINKS = [(full_disk, "No space left on device"), (closed_pipe, "Broken pipe")]
 
 PROGRAMS = [
     [*COMMAND, "--version"],
-    [*COMMAND, "region", "--help"],
-    [*COMMAND, "estimate", RECORDED],
     [*COMMAND, "estimate", RECORDED, "--json"],
     [*COMMAND, "bag", "verify", RECORDED],
     [sys.executable, "-c", NODE, "--help"],

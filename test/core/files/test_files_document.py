@@ -67,18 +67,8 @@ def data(tmp_path_factory):
 
 
 def test_the_keys_of_an_estimate_are_documented(data):
-    figures = printed(
-        "estimate",
-        data,
-        "--object",
-        NAME,
-        "--terms",
-        "moment,force",
-        "--slipping-push",
-        1,
-        "--samples",
-        "--posterior",
-    )
+    options = ("--terms", "moment,force", "--slipping-push", 1, "--samples", "--posterior")
+    figures = printed("estimate", data, "--object", NAME, *options)
     # demo adds these
     figures |= {"truth": truth(NAME), "bag": "runs/demo"}
     assert sorted(keys_of(figures)) == sorted(documented("`estimate`, `replay` and `demo`"))
@@ -101,17 +91,6 @@ def test_the_keys_of_other_commands_are_documented(data, command):
 def test_the_keys_of_the_doctor_are_documented():
     findings = doctor.findings([Check("port", Grade.OK, "/dev/ttyUSB0", "")])
     assert sorted(keys_of(findings)) == sorted(documented("`doctor`"))
-
-
-def test_the_example_of_recognize_prints_what_it_says(tmp_path, monkeypatch):
-    example = TEXT.split("`guesses.yaml` says what the object may be:")[1]
-    guesses, session = re.match(r"\s*```yaml\n(.*?)```\s*```console\n(.*?)```", example, re.DOTALL).groups()
-    command, output = session.removeprefix("$ ./pushfric ").split("\n", 1)
-    (tmp_path / "guesses.yaml").write_text(guesses)
-    (tmp_path / "bags").symlink_to(ROOT / "bags")
-    monkeypatch.chdir(tmp_path)
-    run = CliRunner().invoke(app, command.split(), catch_exceptions=False)
-    assert run.stdout == output
 
 
 EXAMPLE = ROOT / "docs/example_cell"

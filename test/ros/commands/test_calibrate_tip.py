@@ -21,13 +21,11 @@ from typer.testing import CliRunner
 
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.commands.cli import app
-from pushfric_core.commands.frames import frames_from
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_ros.commands import topic_frames
 from pushfric_ros.node_kit.qos import SENSOR_DATA
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.0006)
@@ -180,15 +178,6 @@ def test_ctrl_c_stops_the_pusher_and_writes_nothing(cell, ros):
         assert controller.position() < STROKE / 2
         assert controller._motion is None
         assert cell.read_text() == before
-
-
-def test_a_topic_without_frames_says_so(monkeypatch):
-    monkeypatch.setattr(topic_frames, "FRAME_TIMEOUT", 0.2)
-    with (
-        frames_from("topic", "/nobody") as source,
-        pytest.raises(InvalidInput, match="no frames from /nobody/image_raw"),
-    ):
-        next(iter(source))
 
 
 def test_the_keys_of_its_json_are_documented(cell):
