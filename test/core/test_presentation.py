@@ -3,7 +3,6 @@
 import importlib.util
 import json
 import pathlib
-import re
 import subprocess
 import sys
 
@@ -16,13 +15,11 @@ from problems import observations_of
 from pushfric_core import (
     TABLE_1,
     Estimator,
-    InvalidInput,
     MissingPackage,
     Observation,
     Observations,
     Pose,
     Twist,
-    friction_model,
     load,
 )
 from pushfric_core.bags.bag import DamagedBag
@@ -76,12 +73,6 @@ def test_print_names_the_reasons_against_an_estimate():
     assert not estimate.verdict.use
 
 
-def test_print_without_observations():
-    assert str(Estimator([(0.0, 0.0), (0.1, 0.0)]).estimate()) == (
-        "no observations yet: any w over the 2 support points is as good as another"
-    )
-
-
 def test_the_verdict_of_an_estimate_is_that_of_its_estimator():
     wrong = [Observation(o.contact_point, o.contact_normal, Twist(*o.twist[:2], -o.twist.omega), o.push_id) for o in DATA]
     for data in (DATA, wrong, DATA[:3]):
@@ -99,19 +90,6 @@ def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
     assert estimator.observations == tuple(DATA[1:]) == estimator.estimate().observations
 
 
-def test_estimates_are_equal_whatever_they_remember(estimate):
-    assert estimate == Estimator(KNOWN.support_points).add(DATA)
-
-
-def test_observations_are_a_sequence():
-    observations = Observations(DATA)
-    assert (len(observations), observations[2], observations[-1]) == (12, DATA[2], DATA[-1])
-    assert isinstance(observations[3:5], Observations)
-    assert observations[3:5] == DATA[3:5]
-    assert hash(observations) == hash(Observations(DATA))
-    assert repr(observations) == "<Observations: 12 observations of 12 pushes>"
-
-
 def test_the_dictionary_is_the_json_of_the_command_line():
     recording = load(BAG)
     estimation = estimate_from(BAG, Choices(), lambda _: None)
@@ -120,11 +98,6 @@ def test_the_dictionary_is_the_json_of_the_command_line():
     assert estimate.to_dict(recording.object.name) == estimation.figures()
     assert estimate.to_dict()["object"] == ""
     assert json.dumps(estimate.to_dict())
-
-
-def test_the_dictionary_needs_an_observation():
-    with pytest.raises(ValueError, match="at least one lower bound"):
-        Estimator([(0.0, 0.0), (0.1, 0.0)]).estimate().to_dict()
 
 
 def test_w_as_a_table(estimate):
@@ -172,24 +145,6 @@ def test_a_loaded_bag_brings_its_object_and_settings():
     assert repr(recording) == f"<Recording: {len(recording)} observations of 14 pushes>"
 
 
-def test_the_example_of_the_api_document_runs(monkeypatch, capsys):
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/api.md").read_text(encoding="utf-8"), re.DOTALL)
-    known: dict = {}
-    exec(example, known)
-    assert capsys.readouterr().out == f"{known['estimate']}\n"
-    assert known["motion"].modes[0].value == "sticking"
-
-
-def test_load_says_what_is_missing(tmp_path):
-    (tmp_path / "pushes.csv").write_text("push_id\n")
-    with pytest.raises(InvalidInput, match=r"does not name the pushed object; give object='OBJ.yaml' or one of delrin_square3"):
-        load(tmp_path / "pushes.csv")
-    with pytest.raises(InvalidInput, match=r"none.csv: no such file"):
-        load(tmp_path / "none.csv", object="rubber_rect4")
-
-
 def test_load_warns_of_what_is_missing_in_a_damaged_bag(tmp_path):
     (mcap,) = BAG.glob("*.mcap")
     content = bytearray(mcap.read_bytes())
@@ -229,26 +184,12 @@ def test_the_picture_needs_neither_an_outline_nor_observations():
         assert "<img" in estimate._repr_html_()
 
 
-def test_plot_makes_a_figure_of_pyplot(estimate, monkeypatch):
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    import matplotlib.pyplot as plt
-
-    axes = estimate.plot()
-    assert plt.gca() is axes
-    plt.close(axes.figure)
-
-
 def test_a_notebook_shows_picture_and_text(estimate, monkeypatch):
     page = estimate._repr_html_()
     assert 'src="data:image/png;base64,' in page
     assert f"<pre>{estimate}</pre>" in page
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert estimate._repr_html_() == f"<pre>{estimate}</pre>"
-
-
-def test_a_friction_model_rests_on_the_estimate_alone(estimate):
-    assert np.allclose(friction_model(estimate).support.weights.sum(), 1)
-    assert friction_model(estimate) == friction_model(Estimator(KNOWN.support_points).add(DATA))
 
 
 @pytest.mark.parametrize(

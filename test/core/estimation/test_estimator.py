@@ -48,11 +48,6 @@ def test_contact_friction_reaches_the_true_coefficient():
     assert estimate.mu_c_p90 <= estimate.mu_c_max
 
 
-def test_pushes_are_counted():
-    problem = PROBLEMS[1]()
-    assert last_estimate(Estimator(problem.truth.points), problem.observations[:7]).pushes == 7
-
-
 def test_data_that_contradict_the_nonnegative_force_are_infeasible():
     estimator = Estimator(np.array(((-0.03, 0.0), (0.03, 0.0))))
     pulled = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.02, 0.0))
@@ -63,12 +58,8 @@ def test_data_that_contradict_the_nonnegative_force_are_infeasible():
     assert estimate.conflicts == (pulled,)
     assert estimate.contradiction == "no w lets the pusher push (f.n >= 0) in all of the pushes 0"
     assert estimator.add(pushed).status is Status.INFEASIBLE
-
-
-def test_without_the_nonnegative_force_they_are_not():
-    config = EstimatorConfig(nonnegative_force=False)
-    estimator = Estimator(np.array(((-0.03, 0.0), (0.03, 0.0))), config)
-    assert estimator.add(Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.02, 0.0))).status is Status.OPTIMAL
+    free = Estimator(np.array(((-0.03, 0.0), (0.03, 0.0))), EstimatorConfig(nonnegative_force=False))
+    assert free.add(pulled).status is Status.OPTIMAL
 
 
 def test_a_motion_about_a_support_is_refused_and_leaves_no_trace():
@@ -227,12 +218,8 @@ def test_a_measured_direction_within_its_cone_costs_nothing(rng):
             {"terms": ("moment", "moments", "x")},
             "terms must be of moment, frictionless, cone, force, force_angle, got the unknown 'moments', 'x'",
         ),
-        ({"terms": ()}, "terms must name at least one of moment, .*, got none"),
         ({"terms": ("moment", "cone")}, "the term cone needs a mu_bound, the known upper bound on mu_c, got none"),
         ({"mu_bound": -1.0}, r"mu_bound must lie in \[0.0, inf\], got -1.0"),
-        ({"half_width": float("nan")}, "half_width must lie"),
-        ({"loss": "l3"}, "loss must be one of l1, l2, got 'l3'"),
-        ({"solver": "highs"}, "solver must be one of simplex, osqp, got 'highs'"),
         ({"terms": ("force",), "loss": "l2"}, "the term force needs the loss l1 and the solver simplex, got l2 and simplex"),
     ],
 )

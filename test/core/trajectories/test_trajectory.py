@@ -58,17 +58,6 @@ def riffled(rng, poses, pushers):
     return [next(streams[which]) for which in order]
 
 
-def test_observations_do_not_depend_on_how_the_topics_interleave(rng):
-    poses, pushers = samples_of_a_push()
-    expected = feed(Trajectory(OUTLINE), in_time(poses, pushers))
-    assert expected
-    assert feed(Trajectory(OUTLINE), [*poses, *pushers]) == expected
-    assert feed(Trajectory(OUTLINE), [*pushers, *poses]) == expected
-    assert feed(Trajectory(OUTLINE), [*pushers[:20], *poses[:30], *pushers[20:], *poses[30:]]) == expected
-    for _ in range(20):
-        assert feed(Trajectory(OUTLINE), riffled(rng, poses, pushers)) == expected
-
-
 @settings(derandomize=True, max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
@@ -174,28 +163,11 @@ def test_nothing_is_observed_without_contact_or_push():
     assert feed(Trajectory(OUTLINE), in_time(poses, short)) == []
 
 
-def test_an_object_at_rest_gives_nothing():
-    poses, pushers = samples_of_a_push()
-    resting = [PoseSample(p.stamp, poses[20].pose) for p in poses]
-    blocked = [p._replace(position=pushers[20].position) for p in pushers]
-    assert feed(Trajectory(OUTLINE), in_time(resting, blocked)) == []
-
-
 def test_an_object_at_rest_gives_nothing_whatever_speed_counts_as_moving():
     poses, pushers = samples_of_a_push()
     resting = [PoseSample(p.stamp, poses[20].pose) for p in poses]
     blocked = [p._replace(position=pushers[20].position) for p in pushers]
     assert feed(Trajectory(OUTLINE, TrajectoryConfig(minimum_speed=0.0)), in_time(resting, blocked)) == []
-
-
-def test_a_gap_in_the_poses_is_not_bridged():
-    poses, pushers = samples_of_a_push()
-    gap = TrajectoryConfig(longest_gap=0.2)
-    kept = [p for k, p in enumerate(poses) if not 15 <= k < 20]
-    whole = {o.stamp for o in feed(Trajectory(OUTLINE, gap), in_time(poses, pushers))}
-    broken = {o.stamp for o in feed(Trajectory(OUTLINE, gap), in_time(kept, pushers))}
-    assert not any(poses[12].stamp < stamp < poses[23].stamp for stamp in broken)
-    assert len(broken) < len(whole)
 
 
 @pytest.mark.parametrize("lost", range(8, 30))
@@ -207,13 +179,6 @@ def test_no_observation_is_made_of_frames_from_both_sides_of_a_gap(lost):
     assert all(abs(o.stamp - poses[lost].stamp) >= 4 * FRAME for o in found)
 
 
-def test_late_and_repeated_samples_are_ignored():
-    poses, pushers = samples_of_a_push()
-    expected = feed(Trajectory(OUTLINE), in_time(poses, pushers))
-    doubled = [sample for sample in in_time(poses, pushers) for _ in range(2)]
-    assert feed(Trajectory(OUTLINE), doubled) == expected
-
-
 def test_a_push_against_a_corner_gives_nothing():
     corner = [PoseSample(k * FRAME, Pose(0.0635 + 0.002, 0.0, 0.0)) for k in range(20)]
     pushers = [PusherSample(k * FRAME, 0.02 * k, 0.02, PushingLine((0, -0.1), (0, 1), 0.003), 0) for k in range(20)]
@@ -223,12 +188,6 @@ def test_a_push_against_a_corner_gives_nothing():
 def test_a_pose_that_is_not_finite_is_refused():
     with pytest.raises(ValueError, match="must be finite"):
         Trajectory(OUTLINE).add_pose(PoseSample(1, Pose(np.nan, 0, 0)))
-
-
-@pytest.mark.parametrize(("change", "text"), [({"window": 4}, "window must be odd"), ({"stride": 0}, "stride must lie in")])
-def test_bad_configurations_are_refused(change, text):
-    with pytest.raises(ValueError, match=text):
-        TrajectoryConfig(**change)
 
 
 def frozen(poses, k):
