@@ -73,25 +73,8 @@ def test_an_object_survives_its_file(write, tmp_path):
     ("text", "error"),
     [
         ("name: x\n", "file.yaml: outline: expected a value, got only name$"),
-        ("name: x\noutline: here", "file.yaml: outline: expected a list, got 'here'$"),
-        (
-            "name: x\noutline: [[0, 0], [1, 0]]",
-            r"file.yaml: outline: expected a list of at least 3, got \[\[0, 0\], \[1, 0\]\]$",
-        ),
-        ("name: x\noutline: [[0, 0], [1], [0, 1]]", r"file.yaml: outline.1: expected a longer list, got \[1\]$"),
-        (
-            "name: x\noutline: [[0, 0], [1, 2, 3], [0, 1]]",
-            r"file.yaml: outline.1: expected a list of at most 2, got \[1, 2, 3\]$",
-        ),
-        ("name: x\noutline: [[0, 0], [1, 2 cm], [0, 1]]", "file.yaml: outline.1.1: expected a number, got '2 cm'$"),
         ("name: x\noutline: [[0, 0], [1, 1], [1, 0], [0, 1]]", "simple polygon"),
-        ("name: x\noutline: [[0, 0], [1, .nan], [0, 1]]", "outline.1.1: expected a finite number, got nan$"),
         (TRIANGLE.replace("triangle", "5"), "name: expected a text, in quotes if it looks like a number, got 5$"),
-        (TRIANGLE.replace("triangle", "''"), "name: expected a text that is not empty, got ''$"),
-        (TRIANGLE + "height:", "height: expected a number, got nothing$"),
-        (TRIANGLE + "height: -1", "height: expected at least 0, got -1$"),
-        (TRIANGLE + "support: {grid: [4.5, 4]}", "support.grid.0: expected a whole number, got 4.5$"),
-        (TRIANGLE + "support: 3", "support: expected keys with values, got 3$"),
         (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
         (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
         (TRIANGLE + "support: {spacing: -1}", r"spacing must lie in \(0, 0.15\] m, got -1$"),
@@ -103,7 +86,6 @@ def test_an_object_survives_its_file(write, tmp_path):
         (": : :", "not YAML"),
         ("name: 2020-13-45", "not YAML: month must be in 1..12"),
         ("", "yaml: expected keys with values, got nothing$"),
-        ("42", "yaml: expected keys with values, got 42$"),
     ],
 )
 def test_bad_objects_are_refused_in_one_line(write, text, error):
@@ -112,11 +94,6 @@ def test_bad_objects_are_refused_in_one_line(write, text, error):
         load_object(str(path))
     assert str(path) in str(refusal.value)
     assert "\n" not in str(refusal.value)
-
-
-def test_an_unknown_object_is_refused_with_a_list_of_the_known_ones():
-    with pytest.raises(InvalidInput, match=r"no object 'brick': expected a YAML file or one of delrin_square3"):
-        load_object("brick")
 
 
 def test_observations_are_read_in_order(write):
@@ -135,22 +112,18 @@ def test_observations_are_read_in_order(write):
     [
         ("contact_x,contact_y\n1,2\n", "missing column normal_x, normal_y, vx, vy, omega, push_id; expected contact_x"),
         (HEADER, "no data points"),
-        ("", "missing column contact_x"),
         (HEADER + ROW + ROW.replace("0.02", "fast"), "line 3: vy must be a number, got 'fast'"),
-        (HEADER + ROW.replace("0.02", "nan"), "line 2: vy must be finite, got nan"),
         (HEADER + ROW.replace("-1", "-0.5"), "line 2: normal_x, normal_y must have length 1"),
         (
             HEADER + ROW.replace("0.05", "0.5"),
             r"line 2: contact_x, contact_y must be within 5 mm of the outline, got \(0.5, 0\) m",
         ),
         (HEADER + "0.05,0,0,-1,0,0,0,3\n", "line 2: vx, vy, omega of a data point must not be zero"),
-        (HEADER + "0.05,0,0,-1,1e200,0,0,3\n", "line 2: vx, vy, omega must have a size between"),
         (
             HEADER.strip() + ",tip_vx,tip_vy,force_x,force_y\n" + ROW.strip() + ",1,1,1e10,0\n",
             "line 2: force_x, force_y must lie within",
         ),
         (HEADER + "0.05,0,0,-1,0,1\n", "line 2: push_id must be a number, got None"),
-        (HEADER + ROW.replace(",3", ",3.5"), "push_id must be a whole number"),
         (HEADER.strip() + ",force_x\n" + ROW, "both of force_x and force_y"),
     ],
 )
@@ -182,17 +155,12 @@ def test_a_file_that_is_missing_is_named_once(tmp_path, read):
     assert str(refusal.value) == f"{tmp_path}/none.yaml: cannot be read: No such file or directory"
 
 
-def test_support_points_are_read(write):
-    assert read_points(write("x,y\n0.01,0.02\n0.03,0.04\n", "points.csv")).tolist() == [[0.01, 0.02], [0.03, 0.04]]
-
-
 @pytest.mark.parametrize(
     ("text", "error"),
     [
         ("x\n1\n", "missing column y"),
         ("x,y\n", "no support points"),
         ("x,y\n1,a\n", "line 2: y must be a number, got 'a'"),
-        ("x,y\n1,inf\n", "line 2: y must be finite, got inf"),
     ],
 )
 def test_bad_support_points_are_refused(write, text, error):
@@ -212,11 +180,6 @@ def test_a_plan_survives_its_file(tmp_path):
     assert [tuple(push) for push in again] == [pytest.approx(tuple(push), abs=1e-15) for push in pushes]
 
 
-def test_a_plan_that_cannot_be_written_says_so(tmp_path):
-    with pytest.raises(InvalidInput, match=r"nowhere/plan\.yaml: cannot be written"):
-        save_plan([PlannedPush(0, 0.0)], tmp_path / "nowhere/plan.yaml")
-
-
 def test_without_a_file_the_plan_is_that_of_the_paper(write):
     assert len(load_plan("", load_object("rubber_rect4"))) == 14
     assert len(load_plan("", load_object("delrin_square3"))) == 20
@@ -226,8 +189,6 @@ def test_without_a_file_the_plan_is_that_of_the_paper(write):
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ("pushes: []", r"pushes: expected a list of at least 1, got \[\]$"),
-        ("pushes: [{edges: 1}]", "pushes.0: expected any of the keys edge, offset, angle_deg, got edges$"),
         ("pushes: [{edge: 4}]", r"pushes.0: edge must lie in \[0, 3\], got 4"),
         ("pushes: [{edge: 0}, {edge: 1, offset: 0.04}]", "pushes.1: offset must lie within 0.032 m of the middle of edge 1"),
         ("pushes: [{edge: 0, angle_deg: 95}]", "pushes.0: angle must lie within 90 degrees of the inward normal"),
@@ -253,29 +214,18 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
             CELL.replace("port: /dev/ttyUSB0, ", ""),
             "cell.yaml: pusher: port must be given: serial port of the controller",
         ),
-        (CELL.replace("stroke: 0.06", "stroke: -1"), r"pusher: stroke must lie in \[0.001, 10.0\], got -1.0$"),
-        (CELL.replace("{calib", "{threshold: 256, calib"), r"camera: threshold must lie in \[0, 255\], got 256$"),
-        (CELL.replace("{port", "{home: maybe, port"), "pusher: home must be true or false, got 'maybe'$"),
         (
             CELL.replace("tip_radius: 0.003", "tip_radius: 0.5"),
             r"pusher: tip_radius must lie in \[0.0, 0.1\], got 0.5: are these millimetres\?$",
         ),
-        (
-            CELL.replace("max_speed: 0.1", "max_speed: 50"),
-            r"pusher: max_speed must lie in \[0.0001, 10.0\], got 50.0: are these millimetres per second\?$",
-        ),
         (CELL.replace("{port", "{axis: Q, port"), "pusher: axis must be X, Y, Z, A, B or C, .* minus sign, got 'Q'$"),
         (CELL.replace("[0, 1]", "[0, 0]"), r"pusher: line_direction must have a length, got \(0, 0\)"),
-        (CELL.replace("[0, 1]", "[0, up]"), r"pusher: line_direction must be a list of 2 finite numbers, got \[0, 'up'\]$"),
         (
             CELL.replace("{calib", "{tracker: fiducial, calib"),
             "camera: fiducials must name the YAML file .*, got ''$",
         ),
         (CELL + "namespace: my cell", "yaml: namespace must be like /cell or /hall/cell_2, got 'my cell'$"),
         (CELL + "recorder: {topics: [tf]}", r"recorder: topics must be 'name .*', got 'tf'$"),
-        (CELL + "simulation: {noise: 0}", r"simulation: noise must lie in \[0.5, 100.0\], got 0.0$"),
-        (CELL + "plan:", "yaml: plan must be keys with values, got nothing$"),
-        ("- 1", r"yaml: a cell's file must be keys with values, got \[1\]$"),
         ("object: rubber_rect4", "camera: calibration must be given: path of the camera's calibration YAML"),
         (
             CELL + "table: 3",
@@ -344,11 +294,7 @@ def test_a_cells_estimator_section_becomes_parameters(write):
 @pytest.mark.parametrize(
     ("section", "error"),
     [
-        ("{half_width: x}", "estimator: half_width must be a finite number, got 'x'$"),
         ("{half_width: -1}", r"estimator: half_width must lie in \[0.0, 1.0\], got -1.0$"),
-        ("{window: 7.5}", "estimator: window must be a whole number, got 7.5$"),
-        ("{tie_break: maybe}", "estimator: tie_break must be auto or true or false, got 'maybe'$"),
-        ("{terms: 5}", "estimator: terms must be a list of texts, got 5$"),
         ("{terms: [moment, moments]}", "estimator: terms must be of moment, .*, force_angle, got the unknown 'moments'$"),
         ("{terms: [moment, cone]}", "estimator: the term cone needs a mu_bound, .*, got none$"),
         ("{exclude_pushes: [1, a]}", r"estimator: exclude_pushes must be a list of whole numbers, got \[1, 'a'\]$"),

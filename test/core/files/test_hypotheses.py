@@ -12,7 +12,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.batch import recognize
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.estimation.recognition import Hypothesis, Ranked, Ranking, Recognizer
-from pushfric_core.files.object_file import load_object, save_object
+from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import Twist
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.report.report import recognition_report, to_json
@@ -53,12 +53,6 @@ def test_a_rotation_turns_supports_and_center_about_the_centroid(load):
     (turned,) = load(["{name: turned, center_of_friction: [0.05, 0.04], rotation_deg: 90}"]).hypotheses
     assert turned.support_points == pytest.approx(np.array(((0.08, 0.02), (0.08, 0.08), (0.02, 0.05))))
     assert turned.center_of_friction == pytest.approx((0.06, 0.05))
-
-
-def test_hypotheses_survive_their_file(load, tmp_path):
-    model = load(["{name: turned, center_of_friction: [0.05, 0.04], rotation_deg: 90}", "{name: b, support: {grid: [3, 3]}}"])
-    save_object(model, tmp_path / "copy.yaml")
-    assert load_object(str(tmp_path / "copy.yaml")).file == model.file
 
 
 @pytest.mark.parametrize(
