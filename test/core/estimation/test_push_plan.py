@@ -2,13 +2,10 @@ import numpy as np
 import pytest
 
 from pushfric_core.estimation.push_plan import (
-    SHARP,
     PlannedPush,
     even_pushes,
-    number_of,
     placement,
     planned_contact,
-    purpose_of,
 )
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
@@ -54,20 +51,3 @@ def test_the_tip_touches_the_placed_object_as_planned(push):
 def test_impossible_pushes_are_refused(push, text):
     with pytest.raises(ValueError, match=text):
         placement(OUTLINE, push, LINE, 0.0)
-
-
-def test_counts_must_fit_the_edges():
-    with pytest.raises(ValueError, match="expected 3 counts"):
-        even_pushes(OUTLINE, (1, 1))
-
-
-def test_a_repeated_push_has_the_number_of_its_plan():
-    assert [number_of(push_id, 14) for push_id in (0, 13, 16, 30)] == ["1", "14", "3 (again)", "3 (again)"]
-    assert number_of(5, 0) == "6"  # no plan is known
-
-
-def test_the_purpose_of_a_push_is_a_sentence():
-    said = purpose_of(OUTLINE, PlannedPush(1, 0.02, 0.2), chosen=False)
-    assert said.startswith("A push on side 2 of 3, 20 mm after its middle, at 11 degrees to the perpendicular: it shows")
-    assert purpose_of(OUTLINE, PlannedPush(1, 0.0, -SHARP), chosen=True).endswith("perpendicular: it slips, which shows mu_c.")
-    assert purpose_of(OUTLINE, PlannedPush(0, 0.0), chosen=True).endswith("at its middle: it shrinks the region of p_CF most.")

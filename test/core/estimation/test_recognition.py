@@ -106,15 +106,6 @@ def test_the_true_orientation_of_wood_rect3_fits_best():
                 assert ranking.hypotheses[1].ratio > 1.3
 
 
-def test_the_true_orientation_of_delrin_square3_fits_best():
-    known = TABLE_1["delrin_square3"]
-    hypotheses = orientations("delrin_square3", (0, 90, 180, 270))
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        data = [seen(observation, rng) for observation in observations_of(known.outline, known.support, 0.2, 60, rng)]
-        assert last_ranking(Recognizer(hypotheses), data).best == "0", seed
-
-
 def test_fit_errors_are_those_of_an_estimator_for_each_hypothesis(rng):
     problem = PROBLEMS[0]()
     data = [seen(observation, rng) for observation in problem.observations]
@@ -132,15 +123,6 @@ def test_fit_errors_are_those_of_an_estimator_for_each_hypothesis(rng):
     assert errors == sorted(expected.values())
     assert [ranked.ratio for ranked in ranking.hypotheses] == pytest.approx(np.array(errors) / errors[0])
     assert ranking.data_points == len(data)
-
-
-def test_a_turned_hypothesis_turns_supports_and_center():
-    upright = Hypothesis("upright", np.array(((0.02, 0.0), (0.01, 0.03))), np.array((0.03, 0.01)))
-    turned = upright.turned(np.pi / 2, (0.01, 0.0))
-    assert turned.name == "upright"
-    assert turned.support_points == pytest.approx(np.array(((0.01, 0.01), (-0.02, 0.0))))
-    assert turned.center_of_friction == pytest.approx((0.0, 0.02))
-    assert replace(upright, center_of_friction=None).turned(1.0, (0.0, 0.0)).center_of_friction is None
 
 
 def test_an_infeasible_hypothesis_ranks_last_and_says_why():
@@ -188,21 +170,6 @@ def test_a_data_point_that_one_hypothesis_refuses_reaches_no_other():
         recognizer.add(about_a_foot)
     assert recognizer.observations == tuple(problem.observations[:5])
     assert recognizer.add(problem.observations[5]) == last_ranking(spared, problem.observations[:6])
-
-
-def test_a_push_can_be_excluded_again():
-    problem = PROBLEMS[1]()
-    hypotheses = centers(problem.outline.grid(6, 6), problem.truth.center_of_friction)
-    without = last_ranking(Recognizer(hypotheses), problem.observations)
-    wrong = Observation((0.05, 0.0), (0.0, -1.0), Twist(0.01, 0.02, -0.3), push_id=99)
-    recognizer = Recognizer(hypotheses)
-    last_ranking(recognizer, [wrong, *problem.observations])
-    ranking = recognizer.exclude(99)
-    assert [ranked.name for ranked in ranking.hypotheses] == [ranked.name for ranked in without.hypotheses]
-    assert [r.fit_error for r in ranking.hypotheses] == pytest.approx([r.fit_error for r in without.hypotheses], abs=1e-9)
-    assert ranking.data_points == without.data_points
-    with pytest.raises(ValueError, match="push_id must be one of 0, 1, 2"):
-        recognizer.exclude(99)
 
 
 @pytest.mark.parametrize(

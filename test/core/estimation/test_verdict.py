@@ -79,12 +79,6 @@ def test_inward_normals_are_told_alone(which):
     assert reason.code == ReasonCode.NORMALS_INWARD
 
 
-def test_one_bad_normal_makes_its_push_contradict_the_others():
-    (reason,) = judged(inward(lambda number: number == 5)).reasons
-    assert reason.code == ReasonCode.CONTRADICTION
-    assert "leave out a bad one" in reason.text
-
-
 def test_forces_are_not_blamed_for_a_wrong_motion():
     (reason,) = judged(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega)))).reasons
     assert reason.code == ReasonCode.OMEGA_IN_DEGREES

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import stat
 import xml.etree.ElementTree as ElementTree
 
@@ -21,7 +20,6 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object
 from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, Body, load_of
-from pushfric_core.formats.export import FORMATS
 from pushfric_core.formats.feet import TOLERANCE, few_feet
 from pushfric_core.geometry.planar import Twist
 from pushfric_core.trajectories.observation import Observation
@@ -65,23 +63,6 @@ def test_a_support_that_bears_nearly_all_on_one_point_stands_for_itself():
     feet = few_feet(support).support
     assert feet.points.tolist() == support.points[:2].tolist()
     assert feet.weights == pytest.approx(support.weights[:2])
-
-
-@pytest.mark.parametrize("to", FORMATS)
-def test_hyphens_and_line_breaks_in_what_it_rests_on_break_no_file(to, tmp_path):
-    files = exported("wood_rect4", to, rests_on="runs/a---b-\nc: 1: rests--")
-    for name, text in files.items():
-        assert "c: 1: rests" in text
-        (json.loads if name.endswith("json") else ElementTree.fromstring)(text)
-
-
-@pytest.mark.parametrize("to", FORMATS)
-def test_each_file_begins_with_what_it_rests_on(to):
-    text = next(iter(exported("delrin_rect_right", to, rests_on="a box: 9 observations -- a test").values()))
-    head = "\n".join(text.splitlines()[:12]).replace("- -", "--")
-    assert "a box: 9 observations -- a test" in head
-    assert re.search(r"\d+ feet for 283 support points: the load that makes the object slide differs by 0\.\d+ %", head)
-    assert "Mass 0.3 kg, table friction 0.25; assumed: neither." in head
 
 
 @pytest.mark.parametrize("name", ["wood_rect4", "triangle"])

@@ -1,13 +1,9 @@
 import numpy as np
 import pytest
 
-from pushfric_core.geometry.contact import PushingLine, contact_interval, friction_cone, pushing_line, tangent
+from pushfric_core.geometry.contact import PushingLine, contact_interval, friction_cone, pushing_line
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, transform
-
-
-def test_the_tangent_is_the_normal_turned_left():
-    assert np.allclose(tangent((1, 0)), (0, 1))
 
 
 def test_the_interval_runs_from_minus_t_to_plus_t():
@@ -30,10 +26,6 @@ def test_a_line_touches_the_object_where_the_tip_stands(rng):
         touch = line.touch(outline, pose)
         tip = np.array(line.origin) + touch.distance * np.array(line.direction)
         assert np.allclose(transform(pose, touch.point + 0.004 * touch.normal), tip)
-
-
-def test_a_pushing_line_has_a_unit_direction():
-    assert pushing_line((0.1, 0.2), (3.0, 4.0), 0.002) == ((0.1, 0.2), (0.6, 0.8), 0.002)
 
 
 @pytest.mark.parametrize(

@@ -55,10 +55,6 @@ def test_a_grid_spans_the_box_shrunk_by_the_inset():
     assert np.allclose(grid.max(axis=0), (0.0535, 0.022))
 
 
-def test_a_single_row_lies_in_the_middle():
-    assert np.allclose(Outline.rectangle(0.1, 0.1).grid(2, 1)[:, 1], 0)
-
-
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
@@ -70,11 +66,6 @@ def test_a_single_row_lies_in_the_middle():
 def test_bad_grids_are_refused(arguments, text):
     with pytest.raises(ValueError, match=text):
         Outline.rectangle(0.1, 0.1).grid(*arguments)
-
-
-def test_a_grid_without_a_point_inside_is_refused():
-    with pytest.raises(ValueError, match="no point of the 1 x 1 grid"):
-        Outline(L_SHAPE * (1, 1)).grid(1, 1, inset=0.0)
 
 
 def test_a_tip_meets_the_nearer_edge():

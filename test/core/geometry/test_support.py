@@ -29,11 +29,6 @@ def test_a_motion_about_a_support_point_has_no_friction_direction_there():
         friction_directions(BAR.points, Twist(0, -1, 1))
 
 
-def test_no_motion_has_no_friction():
-    with pytest.raises(UninformativePush, match="did not move"):
-        friction_directions(BAR.points, Twist(0, 0, 0))
-
-
 @pytest.mark.parametrize(
     ("points", "text"),
     [

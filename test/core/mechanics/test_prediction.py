@@ -35,14 +35,6 @@ def test_samples_that_differ_spread():
     assert prediction.spread[0] == pytest.approx(np.arctan(model.length * abs(one[2]) / 0.02), rel=1e-3)
 
 
-def test_shares_weigh_the_samples():
-    w, mu_c = ((0.4, 0.6), (0.6, 0.4), (0.6, 0.4)), (0.3,) * 3
-    twice = predict(FrictionModel(ROD.points, w, mu_c, np.full(3, 1 / 3)), *BELOW, ((0.0, 0.02),))
-    once = predict(FrictionModel(ROD.points, w[:2], mu_c[:2], (1 / 3, 2 / 3)), *BELOW, ((0.0, 0.02),))
-    assert once.twists == pytest.approx(twice.twists)
-    assert once.spread == pytest.approx(twice.spread)
-
-
 def test_the_motion_is_that_of_the_mean_friction(rng):
     w, mu_c, share = rng.dirichlet((2.0, 2.0), 3), np.array((0.0, 0.1, 0.9)), np.array((0.3, 0.3, 0.4))
     model = FrictionModel(ROD.points, w, mu_c, share)
@@ -194,10 +186,3 @@ def test_a_contact_seen_to_leave_the_pusher_counts_as_unexplained():
 def test_models_that_make_no_sense_are_refused(wrong, text):
     with pytest.raises(ValueError, match=text):
         FrictionModel(**{"support_points": ROD.points, "w": ((0.5, 0.5),), "mu_c": (0.3,), "share": (1.0,)} | wrong)
-
-
-def test_turns_are_one_way_or_the_other():
-    with pytest.raises(ValueError, match=r"turns must be \+1 or -1"):
-        stability(FrictionModel.of(ROD, 0.3), *BELOW, (0.1,), ((1, 1),), (0,))
-    with pytest.raises(ValueError, match="centers and turns must have shapes"):
-        stability(FrictionModel.of(ROD, 0.3), *BELOW, (0.1,), ((1, 1),), 1)

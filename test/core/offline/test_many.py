@@ -158,13 +158,6 @@ def test_options_that_do_not_go_together_are_refused(arguments, said):
     assert run.stderr.count("\n") == 1
 
 
-def test_a_folder_that_cannot_be_written_is_named(inputs, tmp_path):
-    (tmp_path / "file").write_text("")
-    run = estimate(inputs, "--object", NAME, "--out", tmp_path / "file")
-    assert run.returncode == 2
-    assert f"{tmp_path / 'file'}: cannot be written" in run.stderr
-
-
 def test_every_input_has_a_model_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").touch()
@@ -175,10 +168,6 @@ def test_every_input_has_a_model_of_its_own(tmp_path, monkeypatch):
     assert len(set(names)) == len(inputs)
     assert names[2:4] == ["bag_1.0.yaml", "bag_1.5.yaml"]
     assert list(model_names(inputs[1:3]).values()) == [pathlib.Path("models/a.yaml"), pathlib.Path("models/bag_1.0.yaml")]
-
-
-def test_few_estimates_do_not_tell_outliers():
-    assert differing([(0, 0), (0, 0), (1, 1)], [1, 1, 1], [None] * 3) == [[], [], []]
 
 
 def test_each_way_to_differ_has_its_reason():

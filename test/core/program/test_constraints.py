@@ -7,12 +7,10 @@ from problems import PROBLEMS, moment, rows_of
 from pushfric_core.errors import UninformativePush
 from pushfric_core.geometry.planar import Twist
 from pushfric_core.geometry.support import FreeRadii, support_forces
-from pushfric_core.program.constraint_rows import stack
 from pushfric_core.program.constraints import Cone, Frictionless, Moment, NormalForce, SensedDirection, SensedForce
 from pushfric_core.solvers.program import fit_error
 from pushfric_core.trajectories.observation import Observation
 
-PULLED = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, -0.02, 0.0))  # moves towards the pusher
 WITHIN_5_MM = FreeRadii(0.005, 0.005)
 TWO = np.array(((-0.03, 0.0), (0.03, 0.0)))
 
@@ -62,10 +60,6 @@ def test_the_pusher_pushes(make):
         assert rows.above == 0
 
 
-def test_a_pulled_object_violates_the_normal_force():
-    assert (rows_of(NormalForce(), PULLED, TWO).a @ (0.5, 0.5) < 0).all()
-
-
 def test_cone_rows_cost_nothing_within_the_true_cone():
     problem = PROBLEMS[0]()  # made with mu_c = 0.5
     for observation in problem.observations:
@@ -94,10 +88,6 @@ def test_without_a_measured_force_its_constraints_bring_no_rows():
 def test_a_direction_is_known_to_less_than_a_right_angle():
     with pytest.raises(ValueError, match=r"half_angle must lie in \[0, pi/2\), got 1.6"):
         SensedDirection(1.6)
-
-
-def test_no_constraints_stack_to_no_rows():
-    assert stack([], 3).a.shape == (0, 3)
 
 
 def test_a_free_support_lowers_the_cost_as_far_as_any_force_can(rng):
@@ -133,11 +123,6 @@ def test_a_support_exactly_on_the_center_of_rotation_needs_a_radius():
     with pytest.raises(UninformativePush, match="rotated exactly about its support point"):
         rows_of(Moment(), turn, TWO)
     assert np.isfinite(rows_of(Moment(), turn, TWO, free=FreeRadii(0.001, 0.001)).a).all()
-
-
-def test_a_translation_frees_nothing():
-    slide = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0))
-    assert len(rows_of(Moment(), slide, TWO, free=FreeRadii(0.05, 0.05)).a) == 1
 
 
 def test_between_the_radii_supports_are_the_freer_the_nearer():

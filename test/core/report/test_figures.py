@@ -7,7 +7,6 @@ import pytest
 from matplotlib.figure import Figure
 from problems import observations_of
 
-from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import TABLE_1
@@ -84,15 +83,6 @@ def test_no_curve_is_clipped_and_the_spread_is_drawn(drawn, estimates, tmp_path,
     np.testing.assert_allclose(np.abs(corners).max(axis=0), half, rtol=0.02)
 
 
-@pytest.mark.parametrize("count", [1, 2, 12])
-def test_data_points_are_counted_in_whole_numbers(drawn, estimates, tmp_path, count):
-    summary_figure(tmp_path / "figure.png", KNOWN.outline, estimates[:count], DATA[:count], None)
-    for axis in (panel(drawn[0], "Lower bounds").yaxis, panel(drawn[0], "Centre of friction").xaxis):
-        ticks = axis.get_majorticklocs()
-        assert len(ticks)
-        assert (ticks == np.round(ticks)).all()
-
-
 def test_slipping_pushes_are_marked(drawn, estimates, tmp_path):
     summary_figure(tmp_path / "figure.svg", KNOWN.outline, estimates, DATA, None, slipping=(1, 2, 5))
     axes = panel(drawn[0], "Lower bounds")
@@ -130,12 +120,3 @@ def test_the_limit_surface_shows_its_reachable_part_and_its_section(drawn, tmp_p
     np.testing.assert_allclose(axes[:, 0] ** 2 + (axes[:, 1] / 50) ** 2, 1)
     form = rod.fitted_ellipsoid().form[1:, 1:]
     np.testing.assert_allclose(np.einsum("ki,ij,kj->k", fitted / (1, 1e3), form, fitted / (1, 1e3)), 1)
-
-
-@pytest.mark.parametrize(
-    ("name", "error"),
-    [("figure.xyz", "not the name of an image; expected one that ends with .eps"), ("no/figure.png", "cannot be written")],
-)
-def test_an_image_that_cannot_be_written_says_so(estimates, tmp_path, name, error):
-    with pytest.raises(InvalidInput, match=error):
-        summary_figure(tmp_path / name, KNOWN.outline, estimates, DATA, None)

@@ -41,10 +41,3 @@ def test_percentiles_are_order_statistics():
     assert percentile(bounds, 1.0) == math.inf
     assert percentile(bounds, 0.05) == 0.1
     assert percentile(bounds[:3], 0.9) == math.inf
-
-
-def test_a_percentile_needs_data_and_a_share():
-    with pytest.raises(ValueError, match="at least one"):
-        percentile(np.array(()), 0.9)
-    with pytest.raises(ValueError, match=r"share must lie in \(0, 1\]"):
-        percentile(np.ones(3), 0.0)

@@ -100,11 +100,6 @@ def test_a_load_that_moved_is_told_with_its_shift_within_the_support():
     assert first.shift == pytest.approx(expected, abs=0.003)
 
 
-def test_few_pushes_are_not_compared(run):
-    few = [one for one in run if one.push_id < 5]
-    assert compare(STUDIED.support_points, few).misfit is None
-
-
 def test_the_verdict_names_the_likeliest_with_its_odds(run):
     """It is compared once no other observation follows at once, and then stays."""
     estimator = Estimator(STUDIED.support_points)

@@ -79,16 +79,6 @@ def test_a_bad_push_is_left_out_and_can_be_kept(change, reason):
     assert estimator.rejected == ()
 
 
-def test_a_push_that_is_left_out_can_be_excluded_for_good():
-    data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), lambda one: replace(one, twist=Twist(1e-3, 0.0, 0.0)))
-    estimator, estimate = taken(data)
-    assert [one.push_id for one in estimator.rejected] == [BAD]
-    assert estimator.exclude(BAD).data_points == estimate.data_points
-    assert estimator.rejected == ()
-    with pytest.raises(ValueError, match="push_id must be one of"):
-        estimator.exclude(BAD)
-
-
 def all_numbers(estimator):
     """All that an estimate says, to the last bit."""
     estimate = estimator.estimate()
@@ -112,17 +102,6 @@ def test_a_push_that_is_excluded_or_kept_on_the_way_leaves_the_bits_as_from_the_
     assert all_numbers(live) == all_numbers(from_the_start)
 
 
-def test_the_stamp_is_that_of_the_newest_data_point_seen():
-    data = [replace(one, stamp=number) for number, one in enumerate(pushes_of(BEFORE, 12, np.random.default_rng(2)))]
-    data = [replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())) if one.push_id == 11 else one for one in data]
-    estimator = Estimator(square().grid(4, 4, 0.01), SCREENING)
-    for observation in data:
-        assert estimator.add(observation).stamp == observation.stamp
-        assert estimator.newest is observation
-    assert [one.push_id for one in estimator.rejected] == [11]
-    assert estimator.exclude(11).stamp == data[-5].stamp
-
-
 def test_a_push_whose_tip_is_known_in_part_of_it_stays():
     data = pushes_of(BEFORE, 14, np.random.default_rng(2))
     data = [
@@ -130,13 +109,6 @@ def test_a_push_whose_tip_is_known_in_part_of_it_stays():
     ]
     estimator, _ = taken(data)
     assert estimator.rejected == ()
-
-
-def test_without_screening_every_push_stays():
-    data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), lambda one: replace(one, twist=Twist(1e-3, 0.0, 0.0)))
-    estimator, estimate = taken(data, EstimatorConfig(screening=False))
-    assert estimator.rejected == ()
-    assert estimate.data_points == len(data)
 
 
 def test_the_first_push_is_found_once_others_speak_against_it():

@@ -57,10 +57,3 @@ def test_the_arrow_leads_from_the_object_to_its_place(scale):
     way = np.linspace((FAR.x / scale, FAR.y / scale), (PLACE.x, PLACE.y), 50)[5:20]
     pixels = np.rint(CAMERA.project(way, HEIGHT)).astype(int)
     assert coloured(overlay.picture, GHOST, pixels) > 0.8
-
-
-def test_a_table_out_of_sight_draws_nothing_wrong():
-    away = Camera.looking_down(640, 480, (5.0, 5.0), 0.0005)
-    overlay = Overlay(np.full((480, 640), 90, np.uint8), away, OUTLINE, HEIGHT)
-    overlay.table()
-    assert (overlay.picture == 90).all()

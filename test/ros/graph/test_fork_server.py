@@ -129,25 +129,12 @@ def test_ps_shows_the_name_of_a_process_and_its_environment(server, start):
     assert own in pathlib.Path(f"/proc/{process.pid}/environ").read_bytes().split(b"\0")
 
 
-def test_a_process_has_its_own_variables_besides_those_of_the_server(start):
-    program = "import os; print([os.environ.get(name) for name in ('ROS_DOMAIN_ID', 'OF_A_NODE')])"
-    domain = os.environ["ROS_DOMAIN_ID"]
-    assert start(program, OF_A_NODE="it").output.read() == f"{[domain, 'it']}\n"
-    assert start(program).output.read() == f"{[domain, None]}\n"
-
-
 def test_a_signal_reaches_a_process_as_soon_as_it_is_known(start):
     for _ in range(20):
         process = start(WAITS)
         os.killpg(process.pid, signal.SIGTERM)
         process.wait(PATIENCE)
         assert process.returncode == -signal.SIGTERM
-
-
-def test_a_wait_ends_after_its_time(start):
-    process = start(WAITS)
-    process.wait(0.05)
-    assert process.running
 
 
 def test_a_server_that_cannot_import_says_so(monkeypatch, capfd):
@@ -214,12 +201,3 @@ def test_a_killed_client_takes_the_server_and_its_processes_along(tmp_path):
     for watch in watched:
         assert select.select([watch], [], [], PATIENCE)[0]
         os.close(watch)
-
-
-def test_a_server_that_was_prepared_for_nothing_ends_with_its_client():
-    program = "from pushfric_ros.graph import fork_server as f; f.prepare(); print(f.prepared().pid)"
-    pid = int(subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout)
-    deadline = time.monotonic() + PATIENCE
-    while fork_server._runs(pid):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)

@@ -89,11 +89,6 @@ def test_a_node_that_fails_at_the_end_is_known(monkeypatch):
     assert nodes.failed_at_the_end == (1, "recorder ended with exit code 1")
 
 
-def test_a_killed_node_is_named_with_its_signal(run):
-    ended, _ = run(other=node("other", "import os; os.kill(os.getpid(), 9)"))
-    assert ended == (1, "other was killed by SIGKILL")
-
-
 def test_a_stopped_node_has_died(run, monkeypatch, tmp_path):
     """The node is started again if that loses nothing; otherwise its death ends the run."""
     monkeypatch.setattr(supervisor, "STOPPED", 0.2)
@@ -188,10 +183,3 @@ def test_a_node_that_cannot_be_started_leaves_nothing(temporary):
     assert not nodes._processes["other"].running
     assert handlers() == before
     assert list(temporary.iterdir()) == []
-
-
-def test_a_node_gets_its_own_variables_besides_those_of_the_supervisor(run, monkeypatch):
-    monkeypatch.setenv("OF_ALL", "1")
-    program = "import os; print(os.environ['OF_ALL'], os.environ['OF_ONE'])"
-    _, said = run(one=node("one", program, ends_run=True, environment={"OF_ONE": "2"}))
-    assert said == ["one: 1 2"]

@@ -18,7 +18,7 @@ from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_choice import next_pushes
 from pushfric_core.estimation.region import HalfPlane, HalfPlanes
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.frames import OBJECT, TABLE, put_prefix
+from pushfric_core.geometry.frames import OBJECT, TABLE
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.vision.camera import Camera
@@ -86,13 +86,6 @@ def test_outline_center_and_text_are_those_of_the_estimate(estimate):
     assert "confidence" not in found
 
 
-def test_the_confidence_is_a_circle_about_the_center_of_friction(estimate):
-    estimate.confidence = 0.004
-    (circle,) = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))["confidence"]
-    center = estimate.center_of_friction.x, estimate.center_of_friction.y
-    np.testing.assert_allclose(np.linalg.norm(points(circle) - center, axis=1), 0.004)
-
-
 @pytest.mark.parametrize("mu", [0.0, 0.5, math.inf])
 def test_the_friction_cone_opens_inwards_by_mu_c_about_the_normal(estimate, mu):
     estimate.contact_friction.p90 = mu
@@ -129,10 +122,6 @@ def test_the_border_of_the_region_is_closed_and_an_arrow_shows_the_next_push():
         assert (marker.header.frame_id, stamp_from_msg(marker.header.stamp), marker.frame_locked) == (OBJECT, 7, True)
 
 
-def test_a_collapsed_region_has_no_markers():
-    assert region_markers(HalfPlane((0.0, 1.0), 0.1)) == []
-
-
 POSE = PoseWithCovarianceStamped()
 POSE.header.frame_id, POSE.header.stamp.sec, POSE.pose.pose = TABLE, 12, pose_to_msg(Pose(0.1, -0.2, 0.7))
 
@@ -156,16 +145,6 @@ class Recording:
     def create_publisher(self, kind, topic, qos):
         self.topics.append(topic)
         return SimpleNamespace(publish=self.sent.append)
-
-
-def test_without_tf2_msgs_it_says_so_once_and_publishes_nothing(monkeypatch):
-    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
-    node = Recording()
-    broadcaster = TransformBroadcaster(node, "")
-    broadcaster.broadcast(object_transform(POSE))
-    broadcaster.broadcast(object_transform(POSE))
-    assert (len(node.lines), node.topics, node.sent) == (1, [], [])
-    assert "tf2_msgs is not installed" in node.lines[0]
 
 
 @pytest.mark.parametrize("prefix", ["", "left/"])
@@ -213,17 +192,3 @@ def test_the_camera_is_where_its_calibration_says(tilt):
 )
 def test_frames_of_two_cells_differ(given, namespace, prefix):
     assert FrameConfig(given).within(namespace) == prefix
-
-
-@pytest.mark.parametrize("prefix", ["left", "/left/", "a b/"])
-def test_a_prefix_ends_with_a_slash(prefix):
-    with pytest.raises(ValueError, match="frame_prefix must be like left/ or empty"):
-        FrameConfig(prefix)
-
-
-def test_messages_that_share_a_header_get_its_prefix_once(estimate):
-    markers = estimate_to_markers(estimate, OUTLINE, DATA[-1])
-    for part in (estimate, estimate.support_friction, estimate.contact_friction, markers, markers):
-        put_prefix(part, "left/")
-    headed = (estimate, estimate.support_friction, estimate.contact_friction, *markers.markers)
-    assert {part.header.frame_id for part in headed} == {"left/object"}

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped
 
 from pushfric_ros.messages.conversions import stamp_to_msg
@@ -89,12 +89,3 @@ def test_raw_messages_are_handed_on_as_bytes(ros, node, watched):
     out.publish(PointStamped())
     ros.wait_for(lambda: got, what="a message")
     assert isinstance(got[0], bytes)
-
-
-def test_a_report_comes_every_second(ros, node):
-    Diagnostics(node, lambda: Health(Level.WARN, "so so", {}))
-    got = []
-    ros.node("peer").create_subscription(DiagnosticArray, "/diagnostics", got.append, RELIABLE)
-    ros.wait_for(lambda: len(got) >= 2, what="two reports")
-    (status,) = got[0].status
-    assert (status.level, status.name, status.message) == (DiagnosticStatus.WARN, "/cell/watched", "so so")

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.settings import AUTO, REQUIRED, check_ranges, plain, setting
+from pushfric_core.settings import REQUIRED, check_ranges, setting
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.nodes.estimator import EstimatorNode
 
@@ -47,15 +47,6 @@ def declared(called, /, **values) -> tuple[Node, Config]:
     except InvalidInput:
         node.destroy_node()
         raise
-
-
-def test_defaults_are_those_of_the_class(ros):
-    node, config = declared("defaults", name="x")
-    assert config == Config("x")
-    values = {key: parameter.value for key, parameter in node.get_parameters_by_prefix("").items() if key in plain(config)}
-    assert {key: list(value) if key in ("place", "words") else value for key, value in values.items()} == plain(config)
-    assert (values["radius"], values["color"]) == (AUTO, "red")
-    node.destroy_node()
 
 
 def test_every_parameter_has_a_type_and_stays_as_it_is(ros):
