@@ -11,6 +11,7 @@ import sys
 from typing import NamedTuple
 
 import pytest
+from calls import PROGRAM, pushfric
 
 from pushfric_core import Observation, Twist
 from pushfric_core.commands import cli
@@ -27,11 +28,6 @@ pusher: {{port: {port}, line_origin: [0, 0], line_direction: [0, 1], tip_radius:
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BAG = ROOT / "bags/rubber_rect4"
 HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
-
-
-def pushfric(*arguments):
-    command = [sys.executable, "-m", "pushfric_core", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL)
 
 
 class Said(NamedTuple):
@@ -222,9 +218,7 @@ def test_the_settings_of_the_estimator_are_one_section(call, name):
 )
 def test_a_shell_completes_commands_and_options(typed, completed):
     words = {"COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" ")), "_PUSHFRIC_COMPLETE": "complete_bash"}
-    run = subprocess.run(
-        [sys.executable, "-m", "pushfric_core"], env=os.environ | words, capture_output=True, text=True, timeout=60
-    )
+    run = pushfric(env=os.environ | words)
     assert (run.returncode, run.stdout.split(), run.stderr) == (0, completed, "")
 
 
@@ -256,7 +250,7 @@ def test_replay_stays_for_late_subscribers(ros, tmp_path):
         Observation((0.02 * push, 0.0), (0.0, -1.0), Twist(0.0, 0.02, 0.1 * push), push, stamp=push) for push in range(1, 5)
     ]
     write_bag(tmp_path / "bag", "triangle", pushes)  # of observations, which no middleware loses
-    command = [sys.executable, "-m", "pushfric_core", "replay", tmp_path / "bag", "--stay", "--headless", "--json"]
+    command = [*PROGRAM, "replay", tmp_path / "bag", "--stay", "--headless", "--json"]
     with (
         (tmp_path / "stderr").open("w") as stderr,
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True) as replay,

@@ -8,12 +8,12 @@ import pty
 import re
 import signal
 import subprocess
-import sys
 import termios
 import urllib.request
 
 import numpy as np
 import pytest
+from calls import PROGRAM, pushfric
 from documents import blocks, has_the_form, shown
 from rosbags.highlevel import AnyReader
 
@@ -42,12 +42,6 @@ KEYS = {
     "pushes",
     "status",
 }
-
-
-def pushfric(*arguments, **options):
-    """Run the command line in a process of its own; return its result and output."""
-    command = [sys.executable, "-m", "pushfric_core", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=500, stdin=subprocess.DEVNULL, **options)
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +132,7 @@ def asked(url: str, what: str) -> bool:
 
 def test_a_demo_that_a_person_stops_repeats_the_push_and_ends_properly(tmp_path):
     bag = tmp_path / "bag"
-    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", bag, "--view", "127.0.0.1:0"]
+    command = [*PROGRAM, "demo", "--headless", "--bag", bag, "--view", "127.0.0.1:0"]
     with subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL) as demo:
         said = []
 
@@ -172,7 +166,7 @@ def test_a_demo_that_a_person_stops_repeats_the_push_and_ends_properly(tmp_path)
 
 def test_the_keys_of_a_terminal_steer_the_demo(tmp_path):
     ours, terminal = pty.openpty()
-    command = [sys.executable, "-m", "pushfric_core", "demo", "--bag", str(tmp_path / "bag")]
+    command = [*PROGRAM, "demo", "--bag", str(tmp_path / "bag")]
     shown = ""
     with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal) as demo:
         os.close(terminal)
@@ -254,7 +248,7 @@ def test_a_second_cell_of_the_same_name_is_refused(demo, tmp_path, monkeypatch):
     from faults.cell_run import CellRun
 
     bag, _, _ = demo
-    staying = [sys.executable, "-m", "pushfric_core", "replay", str(bag), "--rate", "10", "--headless", "--stay"]
+    staying = [*PROGRAM, "replay", str(bag), "--rate", "10", "--headless", "--stay"]
     with CellRun(staying, tmp_path) as first:
         # the name is claimed after the process that starts the nodes has begun, and before the first node
         first.wait_for(lambda: {*first.nodes_alive().values()} - {"fork_server"}, "the first node")

@@ -11,6 +11,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from calls import PROGRAM
 
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands.recorded_run import left_behind
@@ -61,7 +62,7 @@ def test_ctrl_c_says_that_no_calibration_was_written(tmp_path):
     cv2.imwrite(str(tmp_path / "pictures/1.png"), np.zeros((48, 64), np.uint8))
     before = (tmp_path / "camera.yaml").read_text()
     arguments = ["calibrate", "table", "pictures", "--camera", "camera.yaml", "--view", "0"]
-    command = [sys.executable, "-m", "pushfric_core", *arguments]
+    command = [*PROGRAM, *arguments]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as clicking:
         assert clicking.stderr.readline().startswith("view: http://127.0.0.1:")
         clicking.send_signal(signal.SIGINT)

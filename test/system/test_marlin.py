@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 import pytest
+from calls import wait_until
 from line_stage import DEAD_MAN, LATE, SPEED, LineStage
 from marlin_firmware import SimulatedMarlin
 
@@ -138,9 +139,7 @@ def test_a_halted_firmware_says_so(stage: Stage) -> None:
 @pytest.mark.parametrize("gone", [-1.0, 0.001], ids=["before it begins", "in motion"])
 def test_a_moving_pusher_is_stopped_when_it_is_found(stage: Stage, gone: float) -> None:
     stage.line.tell_controller(b"G1 X80 F600\n")
-    deadline = time.monotonic() + 60
-    while stage.controller.position() < gone:
-        assert time.monotonic() < deadline
+    wait_until(lambda: stage.controller.position() >= gone)
     with contextlib.closing(stage.driver()) as pusher:
         assert stage.rest() < 0.08
         assert pusher.doubt == "it moved when it was found"

@@ -10,6 +10,7 @@ import sys
 import time
 
 import pytest
+from calls import PROGRAM, wait_until
 from marlin_firmware import SimulatedMarlin
 
 from pushfric_core.commands.json_option import STDOUT
@@ -78,18 +79,15 @@ def test_a_fault_that_ends_otherwise_is_exit_code_1(monkeypatch, capsys):
 
 
 def pushfric(*arguments: object) -> subprocess.Popen:
-    command = [sys.executable, "-m", "pushfric_core", "rehearse", *map(str, arguments)]
+    command = [*PROGRAM, "rehearse", *map(str, arguments)]
     return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def started(controller: SimulatedGrbl, **options) -> subprocess.Popen:
     """A rehearsal in mid-push."""
     process = pushfric("--port", controller.port, "--stroke", 0.04, "--silence", options.get("silence", PATIENT))
-    deadline = time.monotonic() + 120
-    while controller.position() < 0.003:
-        assert time.monotonic() < deadline, "nothing moves"
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.01)
+    wait_until(lambda: controller.position() > 0.003 or process.poll() is not None, "a motion")
+    assert process.poll() is None, process.communicate()
     return process
 
 
@@ -144,10 +142,7 @@ def test_an_arm_keeps_the_contract(driver, tmp_path, monkeypatch, capsys):
         arm = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
     try:
         with visit("waiting") as waiting:
-            deadline = time.monotonic() + 60
-            while not waiting.node.count_publishers("/tool_pose"):
-                assert time.monotonic() < deadline, "the arm does not start"
-                time.sleep(0.05)
+            wait_until(lambda: waiting.node.count_publishers("/tool_pose"), "the start of the arm")
         rehearse.rehearsal(driver=driver, settings=settings, stroke=0.03, speed=0.02, json=STDOUT)
     finally:
         arm.terminate()

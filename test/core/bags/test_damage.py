@@ -16,12 +16,12 @@ import pytest
 import rearranged
 import yaml
 import zstandard
+from calls import invoked
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
-from typer.testing import CliRunner
 
 from pushfric_core.bags import bag as bag_module
 from pushfric_core.bags.bag import Bag, DamagedBag
@@ -98,7 +98,7 @@ def test_what_a_lost_sector_takes_along_is_known_to_the_message(copy, tmp_path):
 
 def estimated(bag, *options):
     """The number of data points, and what is said of the bag."""
-    run = CliRunner().invoke(cli.app, ["estimate", str(bag), *options, "--json"])
+    run = invoked("estimate", bag, *options, "--json")
     assert run.exit_code == 0
     return json.loads(run.stdout)["data_points"], run.stderr
 
@@ -109,7 +109,7 @@ def test_estimate_refuses_what_is_missing_unless_told_otherwise(copy):
     zero_sector(copy, 20, content)
     expected = r"messages are missing: \d+ of /cell/.* from \d+\.\d+ s to \d+\.\d+ s"
     for command in (["estimate"], ["region"], ["replay", "--headless"]):
-        run = CliRunner().invoke(cli.app, [*command, str(copy)])
+        run = invoked(*command, copy)
         assert isinstance(run.exception, DamagedBag)
         assert re.search(expected, str(run.exception))
     partial, said = estimated(copy, "--partial")
@@ -389,7 +389,7 @@ def split(folder: pathlib.Path, metadata: bool = True) -> pathlib.Path:
 
 def verified(path: pathlib.Path) -> tuple[int, str]:
     """Exit code of `bag verify`, and what it says."""
-    run = CliRunner().invoke(cli.app, ["bag", "verify", str(path)])
+    run = invoked("bag", "verify", path)
     return run.exit_code, " ".join(run.output.split())
 
 
@@ -432,8 +432,7 @@ def test_parts_that_do_not_add_up_are_named_and_refused(tmp_path):
         assert code == 1, damage
         for each in expected:
             assert re.search(each, said), (damage, said)
-        run = CliRunner().invoke(cli.app, ["estimate", str(folder)])
-        assert isinstance(run.exception, DamagedBag)
+        assert isinstance(invoked("estimate", folder).exception, DamagedBag)
 
 
 def test_what_cannot_be_known_of_the_last_part_is_said(tmp_path):

@@ -8,12 +8,11 @@ import re
 
 import numpy as np
 import pytest
+from calls import invoked
 from rich.console import Console
 from semantic_damage import DAMAGES, SECOND, STREAMS, Recording, damaged
-from typer.testing import CliRunner
 
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.outline import Outline
@@ -48,10 +47,6 @@ def contents(reading):
     return {(one.push_id, one.stamp, one.contact_point, one.twist) for one in reading.observations}
 
 
-def call(*arguments):
-    return CliRunner().invoke(cli.app, [*map(str, arguments)])
-
-
 def wild(bag, topic, numbers, offset):
     """The bag's messages, with those of a topic at these places stamped otherwise."""
     changed = list(bag.messages)
@@ -68,9 +63,9 @@ def without(bag, topic, begin=0.0, end=np.inf):
 
 def test_a_sound_bag_adds_up(whole, tmp_path):
     assert (whole[0].ledger.doubts, whole[0].ledger.events, whole[1]) == ([], [], [])
-    run = call("bag", "verify", DEMO)
+    run = invoked("bag", "verify", DEMO)
     assert (run.exit_code, run.stderr) == (0, "")
-    run = call("estimate", DEMO, "--ledger", tmp_path / "ledger.json", "--json")
+    run = invoked("estimate", DEMO, "--ledger", tmp_path / "ledger.json", "--json")
     assert run.exit_code == 0, run.stderr
     ledger = json.loads((tmp_path / "ledger.json").read_text())
     assert [file.name for file in tmp_path.iterdir()] == ["ledger.json"]
@@ -82,7 +77,7 @@ def test_a_sound_bag_adds_up(whole, tmp_path):
     }
     assert accounts["observations"] == {"used": 72}
     assert accounts["pushes"] == {"used": 14}
-    run = call("estimate", DEMO, "--ledger", "--exclude-push", "3")
+    run = invoked("estimate", DEMO, "--ledger", "--exclude-push", "3")
     assert run.exit_code == 0
     rows = {re.sub(r" {2,}.*", "", line): line.split()[-1] for line in run.stderr.splitlines()}
     assert (rows["received"], rows["used"], rows["excluded"]) == ("14", "13", "1")
@@ -104,11 +99,11 @@ def test_one_wild_stamp_costs_one_message_and_is_said(recording, whole, tmp_path
         assert contents(reading) == contents(expected)
         assert len(reading.observations) >= len(whole[0].observations) - 1
     for command in (["estimate"], ["bag", "verify"]):
-        run = call(*command, bag)
+        run = invoked(*command, bag)
         assert run.exit_code == 1
         assert f"1 of {count} {noun} is stamped" in " ".join(run.stderr.split())
-    assert call("estimate", bag, "--partial").exit_code == 0
-    run = call("bag", "recover", bag, "--out", tmp_path / "saved")
+    assert invoked("estimate", bag, "--partial").exit_code == 0
+    run = invoked("bag", "recover", bag, "--out", tmp_path / "saved")
     assert run.exit_code == 1
     assert f"1 of {count} {noun} is stamped" in " ".join(run.stderr.split())
 
@@ -128,7 +123,7 @@ def test_one_wild_stamp_costs_one_message_and_is_said(recording, whole, tmp_path
 def test_clocks_and_streams_that_stop_half_way_are_said(recording, tmp_path, change, said):
     bag = recording.write(tmp_path / "bag", change(recording))
     for command in (["estimate"], ["bag", "verify"]):
-        run = call(*command, bag)
+        run = invoked(*command, bag)
         assert run.exit_code == 1
         text = " ".join(run.stderr.split())
         assert said in text
@@ -176,7 +171,7 @@ def test_what_other_settings_or_another_object_give_is_not_compared():
 def test_a_bag_of_no_run_adds_up(recording, tmp_path):
     bag = recording.write(tmp_path / "bag", [m for m in recording.messages if "fault" in m.topic])
     assert Recorded(bag).ledger() is None
-    assert call("bag", "verify", bag).exit_code == 0
+    assert invoked("bag", "verify", bag).exit_code == 0
 
 
 def test_without_the_object_the_streams_are_still_checked(recording, tmp_path):

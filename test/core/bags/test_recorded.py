@@ -5,16 +5,15 @@ import pathlib
 import shutil
 
 import pytest
+from calls import invoked
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
-from typer.testing import CliRunner
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -108,22 +107,19 @@ def test_one_of_several_cells_must_be_chosen(two_cells, tmp_path):
     pushes = tmp_path / "pushes.csv"
     pushes.write_text("contact_x,contact_y,normal_x,normal_y,tip_vx,tip_vy\n0.0,-0.032,0,-1,0.0,1.0\n")
     for command in (["estimate"], ["region"], ["recognize"], ["replay", "--headless"], ["predict", "--pushes", str(pushes)]):
-        run = CliRunner().invoke(cli.app, [*command, str(two_cells)])
+        run = invoked(*command, two_cells)
         assert isinstance(run.exception, InvalidInput), command
         assert "holds the data points of 2 cells, /left, /right; choose one with --namespace" in str(run.exception)
-    run = CliRunner().invoke(cli.app, ["estimate", str(two_cells), "--namespace", "middle"])
+    run = invoked("estimate", two_cells, "--namespace", "middle")
     assert "no data points of /middle; expected the topics object_pose and pusher_state" in str(run.exception)
 
 
 @pytest.mark.parametrize(("cell", "excluded"), [("/left", (3,)), ("right/", ())])
 def test_the_settings_are_those_of_the_chosen_cell(two_cells, cell, excluded):
-    def figures(bag, *options):
-        run = CliRunner().invoke(cli.app, ["estimate", str(bag), *options, "--json"])
-        return json.loads(run.stdout)
-
     assert Recorded(two_cells, cell).settings.excluded == excluded
     leave_out = [text for push in excluded for text in ("--exclude-push", str(push))]
-    chosen, alone = figures(two_cells, "--namespace", cell), figures(DEMO, *leave_out)
+    run = invoked("estimate", two_cells, "--namespace", cell, "--json")
+    chosen, alone = json.loads(run.stdout), json.loads(invoked("estimate", DEMO, *leave_out, "--json").stdout)
     assert chosen["data_points"] == alone["data_points"]
     assert chosen["w"] == alone["w"]
 

@@ -9,9 +9,8 @@ import shutil
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from calls import printed
 
-from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.model_file import ModelFile, load_model, save_model
 
@@ -22,9 +21,7 @@ PUSHES, TURNS = re.findall(r"```csv\n(.*?)```", TEXT, re.DOTALL)
 
 
 def said(command):
-    run = CliRunner().invoke(app, shlex.split(command), catch_exceptions=False)
-    assert run.exit_code == 0, run.output
-    return run.stdout
+    return printed(*shlex.split(command))
 
 
 def documented(after):
@@ -102,4 +99,4 @@ def test_the_keys_of_the_model_are_documented():
 )
 def test_wrong_input_is_refused_with_a_line(folder, command, expected):
     with pytest.raises(InvalidInput, match=expected):
-        CliRunner().invoke(app, shlex.split(command), catch_exceptions=False)
+        said(command)

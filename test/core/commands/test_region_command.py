@@ -5,10 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from calls import printed
 from problems import observations_of
-from typer.testing import CliRunner
 
-from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_choice import next_pushes, planned_pushes
@@ -39,9 +38,7 @@ def data(tmp_path):
 
 
 def said(*arguments):
-    run = CliRunner().invoke(app, [*map(str, arguments), "--object", NAME], catch_exceptions=False)
-    assert run.exit_code == 0, run.output
-    return run.stdout
+    return printed(*arguments, "--object", NAME)
 
 
 def region_of(observations, margin=RegionConfig.region_margin):
@@ -107,7 +104,7 @@ def test_a_collapsed_region_says_so(tmp_path):
 )
 def test_wrong_input_is_refused(arguments, error):
     with pytest.raises(InvalidInput, match=error):
-        CliRunner().invoke(app, arguments, catch_exceptions=False)
+        printed(*arguments)
 
 
 def test_slipping_pushes_give_mu_c_itself(data, tmp_path):

@@ -1,18 +1,16 @@
 """The estimator's settings are recorded in the bag, and read from it again."""
 
-import json
 import math
 
 import numpy as np
 import pytest
+from calls import figures, invoked
 from problems import observations_of
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
-from typer.testing import CliRunner
 
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.region import RegionConfig
@@ -48,9 +46,7 @@ def bag_of(folder, text):
 
 
 def estimated(bag, *options):
-    run = CliRunner().invoke(app, ["estimate", str(bag), "--object", NAME, "--json", *options])
-    assert run.exit_code == 0, run.output
-    return json.loads(run.stdout)
+    return figures("estimate", bag, "--object", NAME, *options)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +107,7 @@ def test_options_override_what_was_recorded(tmp_path):
 def test_a_bound_on_mu_c_that_the_run_did_not_use_is_ignored(tmp_path):
     recorded = EstimatorSettings(EstimatorConfig(mu_bound=1.0))  # as in older bags
     bag = bag_of(tmp_path / "bag", recorded.to_text())
-    run = CliRunner().invoke(app, ["estimate", str(bag), "--object", NAME, "--terms", "moment,cone"])
+    run = invoked("estimate", bag, "--object", NAME, "--terms", "moment,cone")
     assert "the term cone needs a mu_bound" in str(run.exception)
     plain = bag_of(tmp_path / "plain", None)
     given = ["--terms", "moment,cone", "--mu-bound", "0.4"]

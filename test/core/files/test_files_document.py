@@ -1,18 +1,16 @@
 """What docs/files.md and docs/cell.md say is true: the keys of JSON, the example of recognize, the example of a cell."""
 
 import csv
-import json
 import pathlib
 import re
 
 import numpy as np
 import pytest
 import yaml
+from calls import figures
 from problems import observations_of
-from typer.testing import CliRunner
 
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.commands.cli import app
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import REQUIRED
 from pushfric_core.files.plan_file import load_plan
@@ -46,12 +44,6 @@ def keys_of(value, name=""):
     return [name]
 
 
-def printed(*arguments):
-    run = CliRunner().invoke(app, [*map(str, arguments), "--json"], catch_exceptions=False)
-    assert run.exit_code == 0, run.output
-    return json.loads(run.stdout)
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     """Pushes with measured forces, so that every key appears."""
@@ -68,10 +60,10 @@ def data(tmp_path_factory):
 
 def test_the_keys_of_an_estimate_are_documented(data):
     options = ("--terms", "moment,force", "--slipping-push", 1, "--samples", "--posterior")
-    figures = printed("estimate", data, "--object", NAME, *options)
+    found = figures("estimate", data, "--object", NAME, *options)
     # demo adds these
-    figures |= {"truth": truth(NAME), "bag": "runs/demo"}
-    assert sorted(keys_of(figures)) == sorted(documented("`estimate`, `replay` and `demo`"))
+    found |= {"truth": truth(NAME), "bag": "runs/demo"}
+    assert sorted(keys_of(found)) == sorted(documented("`estimate`, `replay` and `demo`"))
 
 
 def test_the_keys_of_a_ledger_are_documented():
@@ -84,8 +76,7 @@ def test_the_keys_of_a_ledger_are_documented():
 
 @pytest.mark.parametrize("command", ["recognize", "region"])
 def test_the_keys_of_other_commands_are_documented(data, command):
-    figures = printed(command, data, "--object", NAME)
-    assert sorted(keys_of(figures)) == sorted(documented(f"`{command}`"))
+    assert sorted(keys_of(figures(command, data, "--object", NAME))) == sorted(documented(f"`{command}`"))
 
 
 def test_the_keys_of_the_doctor_are_documented():

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 import shapely
 import yaml
+from calls import printed
 from exported import OBJECTS
-from typer.testing import CliRunner
 
 from pushfric_core import FrictionModel, Support, export, named_ellipsoid
-from pushfric_core.commands.cli import app
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -171,33 +170,29 @@ def model_file(tmp_path):
     return path
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
-
-
 def test_the_command_writes_the_mean_or_samples(model_file, tmp_path):
     out = tmp_path / "new" / "out"
-    assert run("export", model_file, "--to", "json", "--mass", 0.3, "--out", out).exit_code == 0
+    printed("export", model_file, "--to", "json", "--mass", 0.3, "--out", out)
     (written,) = out.iterdir()
     content = json.loads(written.read_text())
     assert written.name == "wood_rect4.json"
     assert content["comments"][0].startswith("wood_rect4: 3 observations of 3 pushes from a test; verdict: ")
     assert content["mass"] == 0.3
-    assert run("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out).exit_code == 0
+    printed("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
     scenes = sorted(path for path in out.iterdir() if path.suffix == ".xml")
     assert [scene.name for scene in scenes] == [f"wood_rect4_{k:02d}.xml" for k in range(12)]
     assert len({scene.read_text().partition("<worldbody>")[2] for scene in scenes}) == 2
     with pytest.raises(InvalidInput, match=r"model.yaml: cannot be exported: expected one of the formats"):
-        run("export", model_file, "--to", "usd", "--out", out)
+        printed("export", model_file, "--to", "usd", "--out", out)
     with pytest.raises(InvalidInput, match=r"height must be .*, got 0"):
-        run("export", model_file, "--to", "mjcf", "--height", 0, "--out", out)
+        printed("export", model_file, "--to", "mjcf", "--height", 0, "--out", out)
     with pytest.raises(InvalidInput, match="the folder cannot be created: "):
-        run("export", model_file, "--to", "mjcf", "--out", model_file)
+        printed("export", model_file, "--to", "mjcf", "--out", model_file)
     content = yaml.safe_load(model_file.read_text())
     del content["ensemble"]
     model_file.write_text(yaml.safe_dump(content))
     with pytest.raises(InvalidInput, match="has no ensemble to draw 12 models from"):
-        run("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
+        printed("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
 
 
 def test_a_model_keeps_its_verdict_and_has_the_mode_of_the_umask(model_file):

@@ -10,9 +10,8 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
+from calls import printed
 
-from pushfric_core.commands.cli import app
 from pushfric_core.files.model_file import load_model
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import read_observations
@@ -23,8 +22,7 @@ BAG = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> tuple[pathlib.Path, str]:
     file = tmp_path_factory.mktemp("handed_on") / "result.html"
-    ended = CliRunner().invoke(app, ["report", str(BAG), "--html", str(file)])
-    assert ended.exit_code == 0, ended.output
+    printed("report", BAG, "--html", file)
     return file, file.read_text()
 
 
@@ -70,8 +68,7 @@ def test_a_csv_has_a_page_too(page, tmp_path):
     """Without times, poses and pictures."""
     (content,) = re.findall(r'download="observations.csv" href="data:[^;]*;base64,([^"]*)"', page[1])
     (tmp_path / "data.csv").write_bytes(base64.b64decode(content))
-    command = ["report", str(tmp_path / "data.csv"), "--object", "rubber_rect4", "--html", str(tmp_path / "page.html")]
-    assert CliRunner().invoke(app, command).exit_code == 0
+    printed("report", tmp_path / "data.csv", "--object", "rubber_rect4", "--html", tmp_path / "page.html")
     story, of_bag = told((tmp_path / "page.html").read_text()), told(page[1])
     assert {key.partition("/")[0] for key in story} == {"cell", "object", "estimate", "moment", "push", "support"}
     for key in ("contact", "twist", "predicted", "off"):

@@ -9,9 +9,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
+from calls import wait_until
 from line_stage import ACCELERATION, DEAD_MAN, LATE, SPEED, LineStage
 
 from pushfric_core.pushers.clock import suspended
@@ -281,13 +282,6 @@ def host(stage: Stage, distance: float = FAR) -> Iterator[subprocess.Popen]:
     finally:
         process.kill()
         process.wait()
-
-
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.002)
 
 
 def test_a_host_that_is_stopped_leaves_a_pusher_that_rests(stage):

@@ -7,11 +7,10 @@ import pathlib
 import cv2
 import numpy as np
 import pytest
+from calls import figures
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
-from typer.testing import CliRunner
 
-from pushfric_core.commands.cli import app
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.simulated.camera import SimulatedCamera
@@ -80,10 +79,8 @@ def foreign(request, tmp_path) -> tuple[pathlib.Path, list[Pose]]:
 
 def test_a_bag_of_others_is_tracked_with_the_settings_of_a_cell(foreign):
     folder, poses = foreign
-    arguments = ["track", str(folder / "bag"), "--object", NAME, "--cell", str(folder / "cell.yaml")]
-    ended = CliRunner().invoke(app, [*arguments, "--csv", str(folder / "poses.csv"), "--json"])
-    assert ended.exit_code == 0, ended.output
-    found = json.loads(ended.stdout)
+    arguments = ["track", folder / "bag", "--object", NAME, "--cell", folder / "cell.yaml"]
+    found = figures(*arguments, "--csv", folder / "poses.csv")
     assert (found["topic"], found["images"], found["seen"], found["compared"]) == ("/camera/image", 5, 4, 0)
     with (folder / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -94,5 +91,4 @@ def test_a_bag_of_others_is_tracked_with_the_settings_of_a_cell(foreign):
     cell = json.loads((folder / "cell.yaml").read_text())
     cell["camera"]["threshold"] = 254
     (folder / "cell.yaml").write_text(json.dumps(cell))
-    found = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
-    assert found["seen"] == 0
+    assert figures(*arguments)["seen"] == 0

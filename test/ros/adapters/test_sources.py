@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped
 from nav_msgs.msg import Odometry
-from rclpy.parameter import Parameter
 
 from pushfric_core.bags.samples import pose_sample_from_msg
 from pushfric_core.cell.mount import Body, MountConfig
@@ -19,6 +18,7 @@ from pushfric_ros.adapters.pose_array import PoseArrayConfig
 from pushfric_ros.adapters.pose_stamped import PoseStampedConfig
 from pushfric_ros.adapters.transforms import FIXED, MOVING, TransformsConfig
 from pushfric_ros.messages.types import message_class
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.nodes.pose_source import PoseSourceNode
 
@@ -150,7 +150,7 @@ def test_mounts_are_checked():
 def test_transforms_become_poses_of_the_object(ros):
     tf2 = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
     given = {"source": "transforms", "frame": "tag36h11:3", "reference": "table", "turn": 0.1}
-    ros.compose(PoseSourceNode(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]))
+    ros.compose(PoseSourceNode(namespace="/cell", parameter_overrides=overrides(given)))
     node = ros.node("detector", namespace="/cell")
     seen = []
     node.create_subscription(PoseWithCovarianceStamped, "object_pose", seen.append, SENSOR_QUEUE)

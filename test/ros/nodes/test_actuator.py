@@ -14,12 +14,12 @@ from types import SimpleNamespace
 
 import pytest
 from action_msgs.msg import GoalStatus
+from calls import wait_until
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
-from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool, Empty, String
@@ -35,6 +35,7 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.diagnostics import DiagnosticStatus
 from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.stop_button import press
 from pushfric_ros.nodes.actuator import ActuatorNode
@@ -88,10 +89,6 @@ class HeldClock:
         self._behind, self._held = time.monotonic() - (self._held or 0.0), None
 
 
-def overrides(**parameters) -> list[Parameter]:
-    return [Parameter(name, value=value) for name, value in parameters.items()]
-
-
 class Cell:
     """An actuator node, and everything that another node sees of it."""
 
@@ -113,7 +110,7 @@ class Cell:
         self._reset = self._other.create_client(Trigger, "actuator/reset")
         self._change = self._other.create_client(ChangeState, "actuator/change_state")
         self._get = self._other.create_client(GetState, "actuator/get_state")
-        self.node = ActuatorNode(namespace=namespace, parameter_overrides=overrides(port=str(port), **LINE | parameters))
+        self.node = ActuatorNode(namespace=namespace, parameter_overrides=overrides({"port": str(port), **LINE, **parameters}))
         ros.compose(self.node)
 
     def wait_for_mode(self, mode: int) -> None:
@@ -795,10 +792,7 @@ def test_a_signal_stops_the_pusher_and_its_client_is_told(controller, tmp_path):
     process = subprocess.Popen([sys.executable, "-c", program, "--ros-args", *arguments], env=environment)
     client = subprocess.Popen([sys.executable, "-c", PUSH], env=environment, stdout=subprocess.PIPE, text=True)
     try:
-        deadline = time.monotonic() + 60
-        while controller.position() < 0.001:
-            assert time.monotonic() < deadline, "no motion"
-            time.sleep(0.01)
+        wait_until(lambda: controller.position() > 0.001, "a motion")
         process.send_signal(signal.SIGTERM)
         assert process.wait(10) == 0
         rest = controller.position()
@@ -873,4 +867,4 @@ print(result.result().result.outcome, result.result().result.message, states[-1]
 def test_unusable_parameters_are_refused(ros, parameters, text):
     given = {name: value for name, value in (LINE | parameters).items() if value is not None}
     with pytest.raises(InvalidInput, match=text):
-        ActuatorNode(parameter_overrides=overrides(**given))
+        ActuatorNode(parameter_overrides=overrides(given))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from problems import observations_of
-from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, pusher_msg
@@ -33,6 +32,7 @@ from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstima
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.graph.graph import TOPICS
 from pushfric_ros.messages.conversions import observation_to_msg
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.recorder import RecorderNode
@@ -44,7 +44,7 @@ DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 9, np.
 
 
 def made(node_class, **parameters):
-    return node_class(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in parameters.items()])
+    return node_class(namespace="/cell", parameter_overrides=overrides(parameters))
 
 
 def kept(path, data):

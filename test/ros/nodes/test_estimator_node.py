@@ -7,7 +7,6 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
 from problems import observations_of
-from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -37,6 +36,7 @@ from pushfric_msgs.msg import (
 )
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.messages.conversions import observation_to_msg, pose_to_msg, report_from_msg, stamp_to_msg
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 
@@ -46,7 +46,7 @@ DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 5, np.
 
 
 def estimator(**parameters):
-    return EstimatorNode(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in parameters.items()])
+    return EstimatorNode(namespace="/cell", parameter_overrides=overrides(parameters))
 
 
 def collect(ros, node, kind, topic, qos):

@@ -13,7 +13,6 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
 from rclpy.clock import ClockType
 from rclpy.duration import Duration
-from rclpy.parameter import Parameter
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from stage import STAGE
@@ -33,6 +32,7 @@ from pushfric_msgs.msg import TestPush as Candidate
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode
@@ -161,10 +161,6 @@ class Table:
         assert asked.phase == PlanProgress.PHASE_CHOOSING
         assert "experiment/repeat" in asked.details
         assert self.call(f"experiment/{choice}")
-
-
-def overrides(parameters) -> list[Parameter]:
-    return [Parameter(name, value=value) for name, value in parameters.items()]
 
 
 def pushed(states) -> list[int]:

@@ -16,7 +16,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
@@ -34,6 +33,7 @@ from pushfric_ros.messages import types as message_types
 from pushfric_ros.messages.types import definition, message_class
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.losses import Losses
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE, offered
 from pushfric_ros.nodes.player import PlayerNode
 from pushfric_ros.nodes.recorder import QUEUE_DEPTH, MessagesLost, RecorderNode
@@ -48,16 +48,12 @@ RECORDER, PLAYER = (f"from pushfric_ros.nodes.{name} import main; main()" for na
 NAMES = ["/cell/observation", "/cell/center_of_friction", "/cell/text"]
 
 
-def parameters(**values) -> list[Parameter]:
-    return [Parameter(name, value=value) for name, value in values.items()]
-
-
 def recorder(**values) -> RecorderNode:
-    return RecorderNode(namespace="/cell", parameter_overrides=parameters(**values))
+    return RecorderNode(namespace="/cell", parameter_overrides=overrides(values))
 
 
 def player(**values) -> PlayerNode:
-    return PlayerNode(namespace="/cell", parameter_overrides=parameters(**{"exit_when_done": False, **values}))
+    return PlayerNode(namespace="/cell", parameter_overrides=overrides({"exit_when_done": False, **values}))
 
 
 def content(message: BagMessage) -> object:
@@ -189,8 +185,7 @@ def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publis
 
 
 def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs, tmp_path):
-    values = parameters(bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True)
-    node = ros.compose(RecorderNode(namespace="/cell", parameter_overrides=values))
+    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True))
     clock = ros.node("clock").create_publisher(Clock, "/clock", RELIABLE)
     wait_until_matched(ros, [*outputs, clock])
     outputs[2].publish(String(data="early"))
@@ -207,8 +202,7 @@ def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs
 
 
 def test_without_any_tick_nothing_is_lost(ros, outputs, tmp_path):
-    values = parameters(bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True)
-    node = ros.compose(RecorderNode(namespace="/cell", parameter_overrides=values))
+    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True))
     wait_until_matched(ros, outputs)
     outputs[2].publish(String(data="timeless"))
     ros.wait_for(lambda: node._waiting, what="the message")
@@ -495,14 +489,14 @@ def test_offers_of_several_publishers_are_joined(ros, tmp_path):
 
 def test_the_qos_can_be_overridden(ros, tmp_path):
     make_bag(tmp_path / "bag")
-    overrides = {
+    chosen = {
         "qos_overrides./cell/observation.publisher.reliability": "best_effort",
         "qos_overrides./cell/observation.publisher.depth": 7,
         "qos_overrides./cell/text.publisher.durability": "transient_local",
         "qos_overrides./cell/text.publisher.reliability": "reliable",
         "qos_overrides./cell/center_of_friction.publisher.durability": "volatile",
     }
-    node = ros.compose(player(bag=str(tmp_path / "bag"), **overrides))
+    node = ros.compose(player(bag=str(tmp_path / "bag"), **chosen))
     offered = {name: node.get_publishers_info_by_topic(name)[0].qos_profile for name in NAMES}
     policies = [(qos.reliability.name, qos.durability.name) for qos in offered.values()]
     assert policies == [("BEST_EFFORT", "VOLATILE"), ("RELIABLE", "VOLATILE"), ("RELIABLE", "TRANSIENT_LOCAL")]

@@ -9,7 +9,6 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from printed import marked_picture
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
@@ -23,6 +22,7 @@ from pushfric_core.vision.image_messages import TO_GREY
 from pushfric_core.vision.sighting import NO_OBJECT, UNMEASURED
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TrackerNode
 
@@ -42,8 +42,6 @@ class Cell:
         (folder / "object.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist(), "height": HEIGHT}))
         save_camera(CAMERA, folder / "camera.yaml")
         given = {"object": str(folder / "object.yaml"), "calibration": str(folder / "camera.yaml"), "source": "topic"}
-        values = given | parameters
-        overrides = [Parameter(name, value=value) for name, value in values.items()]
         self.ros = ros
         self.simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
         self.here = ros.node("here", namespace="/cell")
@@ -53,7 +51,7 @@ class Cell:
         self.here.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.reports.extend(msg.status), 10)
         self.images = self.here.create_publisher(Image, "image_raw", SENSOR_DATA)
         self.placements = self.here.create_publisher(PoseStamped, "placement", LATCHED)
-        self.tracker = ros.compose(TrackerNode(namespace="/cell", parameter_overrides=overrides))
+        self.tracker = ros.compose(TrackerNode(namespace="/cell", parameter_overrides=overrides(given | parameters)))
         self.stamp = FIRST
         ros.wait_for(lambda: poses.get_publisher_count(), what="a publisher of object_pose")
         ros.wait_for(lambda: self.placements.get_subscription_count(), what="a subscriber to placement")
