@@ -189,6 +189,25 @@ class Cell:
         return rest
 
 
+class SimTime:
+    """A clock that goes on in steps of 20 ms, faster than real time or with it."""
+
+    def __init__(self, ros, rate: float, ready: Callable[[], bool] = lambda: True) -> None:
+        self.now, self.stepped = 1000.0, lambda stamp: None
+        self._node, self._rate, self._ready = ros.node("clock"), rate, ready
+        self._out = self._node.create_publisher(Clock, "/clock", RELIABLE)
+
+    def start(self) -> None:
+        self._node.create_timer(1 / self._rate, self._tick)
+
+    def _tick(self) -> None:
+        if self._ready():
+            self.now += 0.02
+            stamp = Time(nanoseconds=round(self.now * 1e9))
+            self.stepped(stamp.nanoseconds)
+            self._out.publish(Clock(clock=stamp.to_msg()))
+
+
 def test_modes_match_the_constants_of_the_message():
     numbers = {name[5:]: getattr(PusherState, name) for name in dir(PusherState) if name.startswith("MODE_")}
     assert numbers.keys() == {mode.name for mode in Mode}
@@ -220,22 +239,12 @@ def test_a_push_and_its_retraction(ros, controller, tmp_path):
 
 def test_a_push_in_simulated_time(ros, tmp_path):
     """The clock moves in steps and faster than real time; every state says where the pusher was at its stamp."""
-    now = [1000.0]
     truth: dict[int, float] = {}
-    clock = ros.node("clock")
-    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
-    with SimulatedGrbl(lambda: now[0]) as controller:
-
-        def tick() -> None:
-            if cell.node._pusher._asked is not None:  # a busy machine may be slower than the clock
-                return
-            now[0] += 1 / 50
-            stamp = Time(nanoseconds=round(now[0] * 1e9))
-            truth[stamp.nanoseconds] = controller.position()
-            clock_out.publish(Clock(clock=stamp.to_msg()))
-
+    clock = SimTime(ros, 250, lambda: cell.node._pusher._asked is None)  # a busy machine may be slower than the clock
+    with SimulatedGrbl(lambda: clock.now) as controller:
+        clock.stepped = lambda stamp: truth.update({stamp: controller.position()})
         cell = Cell(ros, controller.port, use_sim_time=True, real_time_factor=5.0)
-        clock.create_timer(1 / 250, tick)
+        clock.start()
         cell.ready()
         assert cell.result(cell.send(0.06, 0.02)).result.outcome == Push.Result.OUTCOME_REACHED
     pushing = [state for state in cell.states if state.push_id == 7]
@@ -246,22 +255,15 @@ def test_a_push_in_simulated_time(ros, tmp_path):
 
 def test_no_state_is_older_than_the_one_before(ros):
     """What the node says of itself at its end is later than the answer of a slow controller that is still on its way."""
-    now = [1000.0]
-    clock = ros.node("clock")
-    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
-    with SimulatedGrbl(lambda: now[0]) as controller, FaultyLine(controller.port) as line:
+    clock = SimTime(ros, 250)
+    with SimulatedGrbl(lambda: clock.now) as controller, FaultyLine(controller.port) as line:
         line.delay_to_host = 0.05
-
-        def tick() -> None:
-            now[0] += 1 / 50
-            clock_out.publish(Clock(clock=Time(nanoseconds=round(now[0] * 1e9)).to_msg()))
-
         cell = Cell(ros, line.port, use_sim_time=True, real_time_factor=5.0)
-        clock.create_timer(1 / 250, tick)
+        clock.start()
         cell.ready()
         for _ in range(10):
-            asked, told = now[0], len(cell.states)
-            ros.wait_for(lambda asked=asked: now[0] > asked + 0.07, what="a few steps of the clock")
+            asked, told = clock.now, len(cell.states)
+            ros.wait_for(lambda asked=asked: clock.now > asked + 0.07, what="a few steps of the clock")
             ended = cell.node.wind_up()
             ros.wait_for(lambda told=told: len(cell.states) > told + 1, what="later states")
         assert ended
@@ -497,30 +499,6 @@ def test_a_push_waits_for_a_node_that_is_heard_late(ros, controller, tmp_path):
     life.end()
 
 
-def test_a_push_that_is_canceled_while_it_waits_never_moves(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port", requires=["tracker"], requires_timeout=60.0).ready()
-    handle = cell.send(0.01)
-    ros.wait_for(handle.cancel_goal_async().done, what="the answer to the cancel")
-    result = cell.result(handle)
-    assert (result.status, result.result.outcome) == (GoalStatus.STATUS_CANCELED, Push.Result.OUTCOME_CANCELED)
-    assert (result.result.travelled, controller.position()) == (0.0, 0.0)
-    assert cell.states[-1].mode == PusherState.MODE_IDLE
-
-
-def test_a_reset_needs_the_enable_too(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port", enable_timeout=60.0).ready()
-    controller.hit_limit()
-    cell.wait_for_mode(PusherState.MODE_ALARM)
-    answer = cell.reset()
-    assert (answer.success, answer.message) == (False, "the topic enable does not say true")
-    out = cell._other.create_publisher(Bool, "enable", LATCHED)
-    ros.wait_for(out.get_subscription_count, what="the actuator's subscription")
-    out.publish(Bool(data=True))
-    ros.wait_for(lambda: cell.node._enabled > 0, what="enable")
-    assert cell.reset().message == "unlocking"
-    cell.wait_for_mode(PusherState.MODE_IDLE)
-
-
 def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, capfd):
     """In turn: the pusher rested at 10 mm and still does; it is reported elsewhere; it moved when the old process died."""
     memory = PositionMemory(str(tmp_path / "memory"), controller.port)
@@ -620,19 +598,12 @@ def test_a_transition_that_fails_leaves_the_pusher(ros, controller, tmp_path, mo
 
 
 def test_a_clock_that_jumps_back_disturbs_nothing(ros, controller, tmp_path):
-    now = [1000.0]
-    clock = ros.node("clock")
-    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
-
-    def tick() -> None:
-        now[0] += 0.02
-        clock_out.publish(Clock(clock=Time(nanoseconds=round(now[0] * 1e9)).to_msg()))
-
+    clock = SimTime(ros, 50)
     cell = Cell(ros, tmp_path / "port", use_sim_time=True)
-    clock.create_timer(0.02, tick)
+    clock.start()
     cell.ready()
     handle = cell.halfway(controller, speed=0.03)
-    now[0] -= 500.0
+    clock.now -= 500.0
     assert cell.result(handle).result.outcome == Push.Result.OUTCOME_REACHED
     cell.wait_for_mode(PusherState.MODE_IDLE)
     assert cell.states[-1].header.stamp.sec < 600

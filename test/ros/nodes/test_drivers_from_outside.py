@@ -224,17 +224,7 @@ def test_the_doctor_asks_the_driver(package, write):
     ("changes", "node", "error"),
     [
         ({"pusher": {"rope": 0.1}}, ActuatorNode, r"rope must lie in \[0.5, 20.0\], got 0.1$"),
-        (
-            {"pusher": {"driver": "crab"}},
-            ActuatorNode,
-            r"driver must be an entry point of pushfric.pushers \(crane, grbl, trajectory, twist\), got 'crab'$",
-        ),
         ({"camera": {"level": "high"}}, TrackerNode, r"level must be a whole number, got 'high'$"),
-        (
-            {"camera": {"tracker": "eye"}},
-            TrackerNode,
-            r"tracker must be an entry point .*\(contour, fiducial, spot\), got 'eye'$",
-        ),
     ],
 )
 def test_a_file_is_refused_in_the_words_of_the_node(ros, package, write, changes, node, error):

@@ -12,17 +12,16 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from pushfric_core.bags.samples import observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
+from pushfric_core.bags.samples import observation_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.estimation.region import HalfPlanes, RegionConfig, line_of_motion
+from pushfric_core.estimation.region import HalfPlanes, line_of_motion
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.planar import Pose, velocity_at
+from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.simulation import PushedObject
-from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
@@ -30,8 +29,6 @@ from pushfric_msgs.msg import (
     FrictionEstimate,
     Observation,
     PusherState,
-    Reason,
-    Recognition,
     SupportFriction,
 )
 from pushfric_msgs.srv import SelectObject, SelectPush
@@ -216,56 +213,6 @@ def test_the_posterior_follows_an_estimate_at_rest_and_is_that_of_the_library(ro
     assert estimates[-1].posterior.data_points < len(DATA)
 
 
-def test_hypotheses_are_ranked_after_every_data_point(ros):
-    name = "delrin_rect_right"
-    known = TABLE_1[name]
-    data = observations_of(known.outline, known.support, known.mu_c, 12, np.random.default_rng(6))
-    node = ros.node("peer", namespace="/cell")
-    ros.compose(estimator(object=name, source="observations"))
-    rankings = collect(ros, node, Recognition, "recognition", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
-    ros.wait_for(lambda: node.count_publishers("recognition"), what="the estimator")
-    for observation in data:
-        out.publish(observation_to_msg(observation, name))
-    ros.wait_for(lambda: len(rankings) == len(data), what="a ranking for every data point")
-    last = rankings[-1]
-    assert last.best == name
-    assert [h.name for h in last.hypotheses] == [name, "delrin_rect_center", "delrin_rect_left"]
-    assert last.hypotheses[0].ratio == 1.0
-    assert last.hypotheses[0].fit_error < last.hypotheses[1].fit_error < last.hypotheses[2].fit_error
-    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=3)).success
-    ros.wait_for(lambda: len(rankings) == len(data) + 1, what="the ranking without the push")
-
-
-def test_the_region_shrinks_with_every_data_point_and_grows_with_an_exclusion(ros):
-    node, out, _ = estimator_of_observations(ros)
-    at_first = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
-    ros.wait_for(lambda: at_first, what="the region before any push")
-    outline = TABLE_1[NAME].outline
-    assert at_first[0].area == pytest.approx(outline.polygon.area)
-    assert [push.edge for push in at_first[0].next_pushes] == [0, 2, 1, 3]
-    regions = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", RELIABLE)
-    ros.wait_for(lambda: node.count_publishers("center_of_friction_region"), what="the estimator")
-    for observation in DATA[:4]:
-        out.publish(observation_to_msg(observation, NAME))
-    ros.wait_for(lambda: len(regions) == 4, what="a region for every data point")
-    half_planes = HalfPlanes(outline, RegionConfig.region_margin)
-    expected = [half_planes.add(line_of_motion(observation)).area for observation in DATA[:4]]
-    assert [msg.area for msg in regions] == expected
-    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1)).success
-    ros.wait_for(lambda: len(regions) == 5, what="the region without the push")
-    without = HalfPlanes(outline, RegionConfig.region_margin)
-    for observation in (DATA[k] for k in (0, 2, 3)):
-        region = without.add(line_of_motion(observation))
-    assert regions[-1].area == region.area >= regions[-2].area
-    markers = collect(ros, node, MarkerArray, "markers", LATCHED)
-    ros.wait_for(lambda: markers, what="the markers")
-    assert {"center_of_friction_region", "next_push"} <= {marker.ns for marker in markers[-1].markers}
-    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
-    ros.wait_for(lambda: len(regions) == 6, what="the region after the reset")
-    assert regions[-1] == at_first[0]
-
-
 def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
     node = ros.node("peer", namespace="/cell")
     given = {"region_margin": 0.01, "slipping_pushes": [0, 2], "exclude_pushes": [1]}
@@ -284,6 +231,9 @@ def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
     slipping = estimate.contact_friction[:2]  # of the pushes 0 and 2
     assert list(frictions[-1].slipping) == [slipping.min(), slipping.max()]
     assert sum(frictions[-1].histogram) == 3
+    markers = collect(ros, node, MarkerArray, "markers", LATCHED)
+    ros.wait_for(lambda: markers, what="the markers")
+    assert {"center_of_friction_region", "next_push"} <= {marker.ns for marker in markers[-1].markers}
 
 
 def test_what_is_said_of_mu_c_lags_behind_by_a_share_and_is_complete_at_rest(ros, monkeypatch):
@@ -380,9 +330,14 @@ def test_an_excluded_push_stays_excluded_until_a_reset(ros):
     out.publish(observation_to_msg(DATA[3], NAME))
     ros.wait_for(lambda: len(estimates) == 3, what="an estimate from another push")
     assert (estimates[-1].data_points, estimates[-1].pushes) == (1, 1)
+    answer = call(ros, node, SelectPush, "estimator/keep_push", SelectPush.Request(push_id=7))
+    assert (answer.success, answer.message) == (True, "kept: 3 data points of 2 pushes are in")
+    ros.wait_for(lambda: len(estimates) == 4, what="the estimate with the push")
+    assert (estimates[-1].data_points, estimates[-1].pushes) == (3, 2)
+    ros.wait_for(lambda: EstimatorSettings.from_text(settings[-1].data).kept == (7,), what="the settings")
     assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
     out.publish(data[1])
-    ros.wait_for(lambda: len(estimates) == 5, what="an estimate after the reset")
+    ros.wait_for(lambda: len(estimates) == 6, what="an estimate after the reset")
     assert EstimatorSettings.from_text(settings[-1].data).excluded == ()
 
 
@@ -419,62 +374,3 @@ def test_contradicting_data_give_a_status_and_no_values(ros):
 def test_bad_parameters_are_refused_with_a_reason(ros, parameters, error):
     with pytest.raises(InvalidInput, match=error):
         estimator(**parameters)
-
-
-def test_a_bad_push_is_left_out_and_the_service_takes_it_back(ros):
-    known = TABLE_1[NAME]
-    pushes = observations_of(known.outline, known.support, 0.5, 8, np.random.default_rng(6))
-    pushes = [
-        replace(one, tip_velocity=tuple(velocity_at(one.twist, np.asarray(one.contact_point)).tolist())) for one in pushes
-    ]
-    pushes[4] = replace(pushes[4], tip_velocity=tuple((3 * np.asarray(pushes[4].tip_velocity)).tolist()))
-    node, out, estimates = estimator_of_observations(ros, screening=True)
-    for observation in pushes:
-        out.publish(observation_to_msg(observation, NAME))
-    ros.wait_for(lambda: len(estimates) == len(pushes), what="the estimates")
-    (rejected,) = estimates[-1].rejected
-    assert rejected.push_id == 4
-    assert rejected.reason.code == Reason.TIP_MISMATCH
-    assert "another speed than the tip" in rejected.reason.text
-    assert estimates[-1].pushes == len(pushes) - 1
-    assert estimates[-1].contact_friction.slip == ContactFriction.SLIP_STICKING
-    assert sum(estimates[-1].contact_friction.slips) == len(pushes) - 1
-    assert call(ros, node, SelectPush, "estimator/keep_push", SelectPush.Request(push_id=4)).success
-    ros.wait_for(lambda: estimates[-1].pushes == len(pushes), what="the estimate with the push")
-    assert not estimates[-1].rejected
-
-
-@pytest.mark.parametrize("wild", [PoseWithCovarianceStamped, PusherState])
-def test_a_wild_stamp_costs_one_message_live(ros, wild):
-    """In the third of four pushes, a pose or a pusher state is stamped a day ahead; without it, the rest is as it was."""
-    node, send, observations = estimator_of_samples(ros)
-    reports = collect(ros, node, DiagnosticArray, "/diagnostics", RELIABLE)
-    maker, expected = ObservationMaker(load_object(NAME).outline), []
-    for push_id in range(4):
-        for number, msg in enumerate(push(push_id, 10**18 + push_id * 10**10)):
-            if push_id == 2 and number == (40 if wild is PoseWithCovarianceStamped else 41):
-                assert isinstance(msg, wild)
-                msg.header.stamp.sec += 86_400
-            elif isinstance(msg, PusherState):
-                expected += maker.add_pusher(pusher_sample_from_msg(msg))
-            else:
-                expected += maker.add_pose(pose_sample_from_msg(msg))
-            send(msg)
-        count = len(expected)
-        ros.wait_for(lambda count=count: len(observations) >= count, what="the observations of a push")
-    got = [observation_from_msg(msg) for msg in observations]
-    assert [(o.push_id, o.stamp, o.contact_point, o.twist) for o in got] == [
-        (o.push_id, o.stamp, o.contact_point, o.twist) for o in expected
-    ]
-    assert {one.push_id for one in expected} == {0, 1, 2, 3}
-
-    def sums():
-        found = [one for report in reports for one in report.status if one.name == "/cell/estimator"]
-        return {value.key: value.value for value in found[-1].values} if found else {}
-
-    kinds = ["poses", "pusher states"]
-    ros.wait_for(lambda: all(sums().get(kind, "").startswith("152 received") for kind in kinds), what="the sums")
-    counted = "poses" if wild is PoseWithCovarianceStamped else "pusher states"
-    assert [kind for kind in kinds if ", 1 ahead" in sums()[kind]] == [counted]
-    assert sums()["observations"].startswith(f"{len(expected)} received, {len(expected)} used")
-    assert sums()["pushes"] == "4 received, 4 used"

@@ -1,9 +1,6 @@
 """The experiment node with an actuator on a simulated controller; the test plays the operator."""
 
 import re
-import signal
-import subprocess
-import sys
 import time
 
 import pytest
@@ -12,7 +9,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
 from rclpy.clock import ClockType
-from rclpy.duration import Duration
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from stage import STAGE
@@ -290,34 +286,6 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     table.wait_for_message("let it lie still")
     assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
     ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
-
-
-LISTENER = """
-import rclpy
-from pushfric_msgs.msg import PlanProgress
-from pushfric_ros.node_kit.qos import LATCHED
-rclpy.init()
-node = rclpy.create_node("listener", namespace="/cell")
-node.create_subscription(PlanProgress, "plan_progress", lambda msg: None, LATCHED)
-rclpy.spin(node)
-"""
-
-
-def test_a_listener_that_acknowledges_nothing_does_not_hold_the_end_up(ros, tmp_path, monkeypatch):
-    monkeypatch.setattr("pushfric_ros.nodes.experiment.LAST_WORDS", 1.0)
-    DeafPusher(ros, accept=False)
-    table = Table(ros, tmp_path, actuator="deaf", attended=False)
-    table.obedient = False
-    with subprocess.Popen([sys.executable, "-c", LISTENER]) as listener:
-        try:
-            ros.wait_for(lambda: table.node._progress_out.get_subscription_count() == 2, 120.0, what="the listener")
-            listener.send_signal(signal.SIGSTOP)
-            table.object, table.obedient = table.wanted[0], True
-            assert table.wait_for_end().aborted == 3
-            # it is silent still: nobody waited until the middleware had given it up
-            assert not table.node._progress_out.wait_for_all_acked(Duration(seconds=0))
-        finally:
-            listener.kill()
 
 
 def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):

@@ -27,7 +27,6 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BagMessage
 from pushfric_core.errors import InvalidInput
-from pushfric_msgs.action import Push
 from pushfric_msgs.msg import Observation
 from pushfric_ros.messages import types as message_types
 from pushfric_ros.messages.types import definition, message_class
@@ -365,16 +364,6 @@ def test_a_full_disk_ends_the_recorder_with_one_line(ros, outputs, tmp_path):
     with recorder_process(ros, outputs, tmp_path / "bag", LIMITED_RECORDER) as process:
         outputs[0].publish(Observation(push_id=3))
         assert ended(process) == (2, f"error: {tmp_path}/bag: cannot write the bag: File too large\n")
-
-
-def test_discovery_skips_a_type_without_definition(ros, tmp_path):
-    """For the messages of an action, no .msg file is installed."""
-    sender = ros.node("sender")
-    sender.create_publisher(Push.Impl.FeedbackMessage, "/feedback", RELIABLE)
-    sender.create_publisher(String, "/text", RELIABLE)
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), discover=True))
-    ros.wait_for(lambda: "/feedback" in node._refused and "/text" in node._bag.topics, what="both topics seen")
-    assert "/feedback" not in node._bag.topics
 
 
 # --- the player ---
