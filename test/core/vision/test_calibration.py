@@ -231,14 +231,9 @@ def test_the_table_is_recovered_from_four_points(tmp_path):
     ("pixels", "text"),
     [
         (WIDE[:3], "too few different points: expected at least 4, got 3"),
-        ([*WIDE[:3], WIDE[0]], "too few different points: expected at least 4, got 3"),
         (
             [(100, 80), (200, 180), (300, 280), (400, 380)],
             "the points lie on a line or in one place: expected points spread over the table",
-        ),
-        (
-            [(300, 220), (320, 220), (320, 240), (300, 240)],
-            "badly spread: an error of 1 px in them grows to .* px in the image's .*; add points there",
         ),
         (
             [(20, 20), (200, 20), (200, 200), (20, 200)],
@@ -322,8 +317,6 @@ def test_a_point_measured_wrongly_is_named(tmp_path):
     [
         ("u,v,x\n1,2,3\n", "missing column y; expected u, v, x, y"),
         ("u,v,x,y\n1,2,3,4\n1,2,a,4\n", "line 3: x must be a number, got 'a'"),
-        ("u,v,x,y\n1,2,3\n", "line 2: y must be a number, got None"),
-        ("u,v,x,y\n1,2,inf,4\n", "line 2: x must be finite, got inf"),
     ],
 )
 def test_a_bad_file_of_points_is_refused(tmp_path, content, text):
