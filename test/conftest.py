@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import importlib
 import os
 import pathlib
 import signal
@@ -67,6 +68,24 @@ def own_interrupts() -> Iterator[None]:
     yield
     signal.signal(signal.SIGINT, handler)
     signal.pthread_sigmask(signal.SIG_SETMASK, held)
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch) -> Callable[..., None]:
+    """A function that installs entry points and folders of modules as pip does, for this test and the processes it starts."""
+
+    def installed(entry_points: str, *folders: pathlib.Path) -> None:
+        info = tmp_path / "installed/from_outside-1.0.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: from_outside\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(entry_points)
+        paths = [str(info.parent), *map(str, folders)]
+        for path in paths:
+            monkeypatch.syspath_prepend(path)
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join((*paths, os.environ.get("PYTHONPATH", ""))))
+        importlib.invalidate_caches()
+
+    return installed
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib
-import os
 import pathlib
 import signal
 import subprocess
@@ -92,16 +91,9 @@ def started(controller: SimulatedGrbl, **options) -> subprocess.Popen:
 
 
 @pytest.fixture
-def slide(tmp_path, monkeypatch):
-    """The examples of drivers, installed as pip does, for this test and its actuators; the module of the slide."""
-    info = tmp_path / "own_pusher-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: own_pusher\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[pushfric.pushers]\nslide = own_pusher:SlideConfig\nmarlin = marlin:MarlinConfig\n")
-    for folder in (EXAMPLES, tmp_path):
-        monkeypatch.syspath_prepend(folder)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path), str(EXAMPLES), os.environ.get("PYTHONPATH", ""))))
-    importlib.invalidate_caches()
+def slide(install):
+    """The examples of drivers, installed; the module of the slide."""
+    install("[pushfric.pushers]\nslide = own_pusher:SlideConfig\nmarlin = marlin:MarlinConfig\n", EXAMPLES)
     yield importlib.import_module("own_pusher")
     sys.modules.pop("own_pusher", None)
 

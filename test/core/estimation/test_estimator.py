@@ -113,29 +113,6 @@ def test_a_penalty_is_never_infeasible():
     assert estimate.solution.objective == pytest.approx(2.0)  # f . n = -1 for every w
 
 
-def test_a_push_can_be_excluded_again():
-    problem = PROBLEMS[1]()
-    grid = problem.outline.grid(6, 6)
-    wrong = Observation((0.05, 0.0), (0.0, -1.0), Twist(0.01, 0.02, -0.3), push_id=99)
-    config = EstimatorConfig(screening=False)
-    without = last_estimate(Estimator(grid, config), problem.observations)
-    estimator = Estimator(grid, config)
-    misled = last_estimate(estimator, [*problem.observations[:10], wrong, wrong, *problem.observations[10:]])
-    assert misled.solution.objective > without.solution.objective + 0.01
-    estimate = estimator.exclude(99)
-    assert estimate.solution.objective == pytest.approx(without.solution.objective, abs=1e-9)
-    assert estimate.w == pytest.approx(without.w, abs=1e-6)
-    assert estimate.contact_friction == pytest.approx(without.contact_friction, abs=1e-4)
-    assert (estimate.data_points, estimate.pushes) == (without.data_points, without.pushes)
-    assert estimator.observations == tuple(problem.observations)
-    assert misled.contact_friction.shape == (len(problem.observations) + 2,)  # what was handed out stays
-    with pytest.raises(ValueError, match="push_id must be one of 0, 1, 2"):
-        estimator.exclude(99)
-    assert estimator.add(wrong).solution.objective == pytest.approx(
-        last_estimate(Estimator(grid, config), [*problem.observations, wrong]).solution.objective, abs=1e-9
-    )
-
-
 def test_excluding_everything_leaves_an_estimator_like_new():
     problem = PROBLEMS[0]()
     estimator = Estimator(problem.truth.points)

@@ -139,20 +139,6 @@ def test_a_push_that_was_excluded_leaves_no_trace():
     check_same(estimator, estimator_of(data))
 
 
-def test_a_push_that_was_left_out_and_came_back_is_as_if_it_had_stayed():
-    data = noisy(3)
-    estimator = Estimator(GRID)
-    for observation in data:
-        estimator.add(observation)
-    assert estimator.rejected
-    estimator.keep(BAD)
-    kept = Estimator(GRID)
-    kept.keep(BAD)
-    kept.add(data)
-    assert estimator.estimate() == kept.estimate()
-    check_same(estimator, kept)
-
-
 def test_all_intervals_are_known_at_once_after_a_push_is_left_out():
     """They were renewed a few at a time, and fell back to [0, 1] for good where the last push was left out."""
     data = [one for one in noisy(4) if one.push_id != BAD]
