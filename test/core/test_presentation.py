@@ -73,14 +73,6 @@ def test_print_names_the_reasons_against_an_estimate():
     assert not estimate.verdict.use
 
 
-def test_the_verdict_of_an_estimate_is_that_of_its_estimator():
-    wrong = [Observation(o.contact_point, o.contact_normal, Twist(*o.twist[:2], -o.twist.omega), o.push_id) for o in DATA]
-    for data in (DATA, wrong, DATA[:3]):
-        estimator = Estimator(KNOWN.support_points)
-        estimate = estimator.add(data)
-        assert estimate.verdict == estimator.verdict(estimate)
-
-
 def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
     estimator = Estimator(KNOWN.support_points)
     course = [estimator.add(observation) for observation in DATA]
@@ -196,7 +188,6 @@ def test_a_notebook_shows_picture_and_text(estimate, monkeypatch):
     ("code", "said"),
     [
         ("estimate.to_frame()", "to_frame needs the package pandas: pip install 'pushfric_core[pandas]'"),
-        ("data.to_frame()", "to_frame needs the package pandas: pip install 'pushfric_core[pandas]'"),
         ("estimate.plot()", "plot needs the package matplotlib: pip install 'pushfric_core[plot]'"),
         (f"p.load({str(BAG)!r})", f"the bag {BAG} needs the package zstandard: pip install 'pushfric_core[bags]'"),
     ],
@@ -210,17 +201,3 @@ estimate = p.Estimator([[-0.05, 0.0], [0.05, 0.0]]).add(data)
     found = bare(f"{before}\ntry:\n    {code}\nexcept p.MissingPackage as error:\n    print(error)", tmp_path)
     assert found.stdout == f"{said}\n", found.stderr
     assert issubclass(MissingPackage, ImportError)
-
-
-def test_a_csv_is_estimated_without_any_extra(tmp_path):
-    Observations(DATA).to_frame().to_csv(tmp_path / "pushes.csv", index=False)
-    code = """
-from pushfric_core import friction_model, load
-recording = load("pushes.csv", object="rubber_rect4")
-estimate = recording.new_estimator().add(recording)
-print(estimate)
-assert friction_model(estimate).mean_mu_c > 0
-assert estimate._repr_html_().startswith("<pre>")
-"""
-    found = bare(code, tmp_path)
-    assert found.stdout.splitlines()[-1] == "from   12 observations of 12 pushes; may be used", found.stderr

@@ -122,21 +122,3 @@ def test_the_settings_are_those_of_the_chosen_cell(two_cells, cell, excluded):
     chosen, alone = json.loads(run.stdout), json.loads(invoked("estimate", DEMO, *leave_out, "--json").stdout)
     assert chosen["data_points"] == alone["data_points"]
     assert chosen["w"] == alone["w"]
-
-
-def test_a_cell_without_data_points_is_no_choice(tmp_path):
-    """A camera of another cell, and an estimator in another namespace, do not hide the only cell that was pushed."""
-    demo = Bag(DEMO)
-    with BagWriter(tmp_path / "bag") as writer:
-        for topic in demo.summary.topics:
-            writer.add_topic(topic.name, topic.type_name, topic.qos_profiles)
-        writer.add_topic("/a/object_pose", TYPES["object_pose"], [])
-        writer.add_topic("/a/estimator_settings", "std_msgs/msg/String", [])
-        for message in demo.messages():
-            writer.write(message.topic, message.log_time_ns, message.raw)
-            if message.topic == "/cell/object_pose":
-                writer.write("/a/object_pose", message.log_time_ns, message.raw)
-        text = String(data=EstimatorSettings().without([0, 1]).to_text())
-        writer.write("/a/estimator_settings", demo.summary.end_ns, encoder("std_msgs/msg/String")(text))
-    assert Recorded(tmp_path / "bag").source(False).namespace == "/cell"
-    assert Recorded(tmp_path / "bag").settings == Recorded(DEMO).settings

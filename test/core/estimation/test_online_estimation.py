@@ -36,14 +36,6 @@ def corners(data):
     return half_planes.region().corners
 
 
-def test_before_the_first_data_point_nothing_is_known():
-    online = started()
-    assert online.estimate is online.ranking is online.newest is None
-    assert not online.usable
-    assert online.verdict().use
-    np.testing.assert_allclose(online.region().area, 0.12 * 0.06)
-
-
 def test_each_step_gives_what_its_part_gives_alone():
     online, estimator, recognizer = started(), Estimator(POINTS), Recognizer([THERE, HERE])
     for observation in DATA:

@@ -19,25 +19,6 @@ def chosen(ranked):
     return [(one.push.edge, one.push.offset, one.push.angle) for one in ranked]
 
 
-def test_the_next_push_halves_the_region_across():
-    """A region of 40 x 60 mm at the left is halved from below and above at x = -40 mm, and from the sides at y = 0. With a
-    margin, cuts across the longer side are better: the extra 2 mm are small compared with 60 mm."""
-    half_planes = HalfPlanes(PLATE, margin=0.002)
-    half_planes.add([HalfPlane((-1.0, 0.0), 0.022)])  # x <= -22 mm, and its margin
-    ranked = next_pushes(half_planes)
-    assert chosen(ranked) == [(1, 0.0, 0.0), (3, 0.0, 0.0), (0, -0.04, 0.0), (2, 0.04, 0.0)]
-    assert [one.expected_area for one in ranked] == pytest.approx([0.04 * 0.032, 0.04 * 0.032, 0.022 * 0.06, 0.022 * 0.06])
-
-
-def test_pushes_keep_away_from_corners():
-    """A region from x = 53.75 to 60 mm: a push may come as near as 54 mm, which leaves 4 % of it on one side."""
-    half_planes = HalfPlanes(PLATE)
-    half_planes.add([HalfPlane((1.0, 0.0), 0.05375)])
-    ranked = next_pushes(half_planes)
-    assert chosen(ranked)[2:] == [(0, 0.054, 0.0), (2, -0.054, 0.0)]
-    assert ranked[2].expected_area == pytest.approx((0.04**2 + 0.96**2) * 0.00625 * 0.06)
-
-
 def test_edges_that_no_straight_push_reaches_are_left_out():
     """The slot of a keyhole: from outside, pushes along x meet its outer sides only."""
     keyhole = Outline(
@@ -50,15 +31,6 @@ def test_edges_that_no_straight_push_reaches_are_left_out():
 
 def best_order(pushes):
     return [(push.edge % 2, abs(round(push.offset, 4))) for push in pushes]
-
-
-def test_a_plan_cuts_in_both_directions():
-    """A square without a margin: first halves, then quarters, then strips in one direction and in the other."""
-    plan = planned_pushes(HalfPlanes(Outline.rectangle(0.08, 0.08)), 6)
-    assert best_order([one.push for one in plan]) == [(0, 0.0), (1, 0.0), (0, 0.02), (0, 0.02), (1, 0.02), (1, 0.02)]
-    assert {one.push.offset for one in plan} == {0.0, 0.02, -0.02}
-    # k parts of equal size leave 1 / k; one half in halves, the other in one: 1/2 (1/4 + 1/2)
-    assert [one.expected_area / 0.0064 for one in plan] == pytest.approx([1 / 2, 1 / 4, 3 / 16, 1 / 8, 3 / 32, 1 / 16])
 
 
 def test_a_plan_predicts_the_mean_area_it_leaves(rng):

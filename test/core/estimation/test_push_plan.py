@@ -38,16 +38,3 @@ def test_the_tip_touches_the_placed_object_as_planned(push):
     assert (touch.point - middle) @ OUTLINE.edges[push.edge] == pytest.approx(push.offset * OUTLINE.lengths[push.edge])
     direction = rotation(-pose.theta) @ LINE.direction
     assert np.allclose(direction, rotation(push.angle) @ -OUTLINE.normals[push.edge])
-
-
-@pytest.mark.parametrize(
-    ("push", "text"),
-    [
-        (PlannedPush(3, 0.0), r"edge must lie in \[0, 2\], got 3"),
-        (PlannedPush(0, 0.08), "offset must lie within 0.075 m of the middle of edge 0"),
-        (PlannedPush(0, 0.0, 1.6), "angle must lie within 90 degrees"),
-    ],
-)
-def test_impossible_pushes_are_refused(push, text):
-    with pytest.raises(ValueError, match=text):
-        placement(OUTLINE, push, LINE, 0.0)

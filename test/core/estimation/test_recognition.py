@@ -138,16 +138,6 @@ def test_an_infeasible_hypothesis_ranks_last_and_says_why():
     assert not alone.hypotheses[0].feasible
 
 
-def test_hypotheses_that_explain_everything_are_equally_good():
-    problem = PROBLEMS[0]()
-    feet = Hypothesis("feet", problem.truth.points)
-    center = Hypothesis("center", problem.truth.points, problem.truth.center_of_friction)
-    hypotheses = [Hypothesis("grid", problem.outline.grid(5, 5)), feet, center]
-    ranking = Recognizer(hypotheses).add(problem.observations[0])
-    assert [ranked.name for ranked in ranking.hypotheses] == ["grid", "feet", "center"]  # in the order given
-    assert [ranked.ratio for ranked in ranking.hypotheses] == [1, 1, 1]
-
-
 def test_compared_with_a_hypothesis_without_error_others_are_infinitely_worse():
     pushed = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0), stamp=7)  # translates: p_CF is on the line x = 0
     rod = np.array(((-0.03, 0.0), (0.03, 0.0)))

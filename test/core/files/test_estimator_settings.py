@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from calls import figures, invoked
+from calls import figures
 from problems import observations_of
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
@@ -70,20 +70,6 @@ def test_parameters_have_types_that_ros_accepts():
     assert {**UNUSUAL.parameters(), "exclude_pushes": [2, 5], "window": 7} == UNUSUAL.parameters()
 
 
-@pytest.mark.parametrize(
-    ("text", "error"),
-    [
-        ("[1]", "must be a JSON object"),
-        ('{"colour": 1}', "expected any of terms, .*, got colour$"),
-        ('{"window": 4}', "^window must be odd"),
-        ('{"window": "wide"}', "^window must be a whole number, got 'wide'$"),
-    ],
-)
-def test_other_texts_are_refused(text, error):
-    with pytest.raises(ValueError, match=error):
-        EstimatorSettings.from_text(text)
-
-
 def test_a_bag_is_estimated_as_it_was_recorded(tmp_path):
     bag = bag_of(tmp_path / "bag", UNUSUAL.to_text())
     assert Recorded(bag).settings == UNUSUAL
@@ -102,16 +88,6 @@ def test_options_override_what_was_recorded(tmp_path):
     plain = bag_of(tmp_path / "plain", None)
     excluded = [part for push_id in (1, 2, 5) for part in ("--exclude-push", str(push_id))]
     assert estimated(bag, *options)["w"] == estimated(plain, *excluded)["w"]
-
-
-def test_a_bound_on_mu_c_that_the_run_did_not_use_is_ignored(tmp_path):
-    recorded = EstimatorSettings(EstimatorConfig(mu_bound=1.0))  # as in older bags
-    bag = bag_of(tmp_path / "bag", recorded.to_text())
-    run = invoked("estimate", bag, "--object", NAME, "--terms", "moment,cone")
-    assert "the term cone needs a mu_bound" in str(run.exception)
-    plain = bag_of(tmp_path / "plain", None)
-    given = ["--terms", "moment,cone", "--mu-bound", "0.4"]
-    assert estimated(bag, *given) == estimated(plain, *given)
 
 
 def test_a_bag_without_settings_was_recorded_with_the_defaults(tmp_path):

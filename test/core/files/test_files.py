@@ -155,19 +155,6 @@ def test_a_file_that_is_missing_is_named_once(tmp_path, read):
     assert str(refusal.value) == f"{tmp_path}/none.yaml: cannot be read: No such file or directory"
 
 
-@pytest.mark.parametrize(
-    ("text", "error"),
-    [
-        ("x\n1\n", "missing column y"),
-        ("x,y\n", "no support points"),
-        ("x,y\n1,a\n", "line 2: y must be a number, got 'a'"),
-    ],
-)
-def test_bad_support_points_are_refused(write, text, error):
-    with pytest.raises(InvalidInput, match=error):
-        read_points(write(text, "points.csv"))
-
-
 def test_a_plan_is_read(write):
     plan = load_plan(str(write("pushes: [{edge: 0, offset: 0.02}, {edge: 2, angle_deg: -30}]")), load_object("wood_rect4"))
     assert plan == [(0, 0.02, 0.0), (2, 0.0, pytest.approx(math.radians(-30)))]

@@ -12,7 +12,7 @@ import yaml
 from calls import printed
 from exported import OBJECTS
 
-from pushfric_core import FrictionModel, Support, export, named_ellipsoid
+from pushfric_core import FrictionModel, Support, export
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -96,14 +96,6 @@ def test_the_pieces_of_the_shell_are_convex_and_make_up_the_outline(name):
     assert len(pieces) == {"triangle": 1, "ell": 2}[name]
     assert all(piece.exterior.is_ccw and piece.area == pytest.approx(piece.convex_hull.area) for piece in pieces)
     assert shapely.union_all(pieces).symmetric_difference(outline.polygon).area < 1e-12
-
-
-def test_the_ellipsoid_of_the_json_has_units():
-    ellipsoid = named_ellipsoid(OBJECTS["delrin_rect_right"][1].support)
-    force = 0.3 * 0.25 * GRAVITY
-    (text,) = exported("delrin_rect_right", "json").values()
-    found = json.loads(text)["ellipsoid"]
-    assert found == {"f_max": pytest.approx(force), "m_max": pytest.approx(force * ellipsoid.m_max)}
 
 
 @pytest.mark.parametrize(

@@ -55,33 +55,12 @@ def test_a_grid_spans_the_box_shrunk_by_the_inset():
     assert np.allclose(grid.max(axis=0), (0.0535, 0.022))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        ((0, 3), "at least 1 column and 1 row"),
-        ((3, 3, 0.05), r"inset must lie in \[0, 0.05\)"),
-        ((3, 3, -0.01), "inset must lie"),
-    ],
-)
-def test_bad_grids_are_refused(arguments, text):
-    with pytest.raises(ValueError, match=text):
-        Outline.rectangle(0.1, 0.1).grid(*arguments)
-
-
 def test_a_tip_meets_the_nearer_edge():
     touch = Outline.rectangle(0.1, 0.06).first_touch((0.02, -1), (0, 1), radius=0.005)
     assert touch.distance == pytest.approx(1 - 0.03 - 0.005)
     assert np.allclose(touch.point, (0.02, -0.03))
     assert np.allclose(touch.normal, (0, -1))
     assert touch.edge == 0
-
-
-def test_a_tip_meets_an_inclined_edge_next_to_its_line():
-    touch = Outline(TRIANGLE).first_touch((0.2, 0.075), (-1, 0), radius=0.01)
-    assert touch.edge == 1
-    assert touch.point.sum() == pytest.approx(0.15)
-    center = touch.point + 0.01 * touch.normal
-    assert np.allclose(center, (0.2 - touch.distance, 0.075))
 
 
 def test_a_tip_that_grazes_a_corner_touches_it():

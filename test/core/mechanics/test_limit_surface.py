@@ -254,16 +254,6 @@ def test_the_fit_is_nearer_to_the_surface_than_the_ellipsoid_of_the_axes(rng):
         assert errors[1] < errors[0]
 
 
-def test_the_fit_moves_with_the_object_frame():
-    """The ellipsoid is a property of the object: shifting the frame changes only the reference point of the moments."""
-    support, shift = TABLE_1["delrin_square3"].support, np.array((0.2, -0.1))
-    here = LimitSurface(support).fitted_ellipsoid()
-    there = LimitSurface(Support(support.points + shift, support.weights)).fitted_ellipsoid()
-    wrench = here.wrench(Twist(0.3, 0.1, 5.0))
-    moved = Wrench(wrench.fx, wrench.fy, wrench.m + float(cross(shift, wrench[:2])))
-    assert moved @ there.form @ np.array(moved) == pytest.approx(1, abs=1e-6)
-
-
 # what pushes reach, and which objects they tell apart
 
 
@@ -314,15 +304,6 @@ def test_deviations_are_counted_in_errors_of_the_measurement():
     assert separation(ROD_2, ROD_3, *contacts, 0.0, CAMERA).deviations == pytest.approx(expected)
     blunt = Measurement(0.003, 2e-4, np.deg2rad(0.24))
     assert separation(ROD_2, ROD_3, *contacts, 0.0, blunt).deviations == pytest.approx(expected / 2)
-
-
-def test_an_object_differs_from_its_half_turn_but_not_from_itself():
-    known = TABLE_1["wood_rect3"]
-    middles = known.outline.vertices + known.outline.edges / 3
-    turned = Support(-known.support.points, known.support.weights)
-    pushes = middles, known.outline.normals, known.mu_c, CAMERA
-    assert separation(known.support, known.support, *pushes).deviations == pytest.approx(0, abs=1e-6)
-    assert separation(known.support, turned, *pushes).deviations > 3
 
 
 # what is refused

@@ -10,7 +10,6 @@ from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.prediction import FrictionModel, friction_model, misfit, motion_cone, predict, stability
 from pushfric_core.mechanics.simulation import ContactMode
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty.contact_friction import Kind
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
@@ -24,15 +23,6 @@ def test_a_push_through_the_center_translates_without_a_doubt():
     assert prediction.modes == (ContactMode.STICKING,)
     assert prediction.forces[0] == pytest.approx((0, 1))
     assert prediction.spread == pytest.approx(0)
-
-
-def test_samples_that_differ_spread():
-    model = FrictionModel(ROD.points, ((0.4, 0.6), (0.6, 0.4)), (0.3, 0.3), (0.5, 0.5))
-    prediction = predict(model, *BELOW, ((0.0, 0.02),))
-    assert prediction.twists[0] == pytest.approx((0, 0.02, 0), abs=1e-9)  # they turn it either way
-    one, other = prediction.samples.twists[0]
-    assert one[2] == pytest.approx(-other[2])
-    assert prediction.spread[0] == pytest.approx(np.arctan(model.length * abs(one[2]) / 0.02), rel=1e-3)
 
 
 def test_the_motion_is_that_of_the_mean_friction(rng):
@@ -147,25 +137,6 @@ def test_mu_c_is_what_explains_the_motions_where_bounds_say_little():
         found[name] = friction_model(estimate).mean_mu_c
     assert found["none"] == pytest.approx(0.5, abs=0.03)
     assert 0.6 < found["tips"] < 1.6  # a lower one would let the tip slide in some of the pushes
-
-
-def test_few_data_points_leave_room_for_equal_weights():
-    problem = four_feet()
-    data = [replace(one, push_id=number) for number, one in enumerate(problem.observations[:2])]
-    estimator = Estimator(problem.truth.points)
-    for one in data:
-        estimate = estimator.add(one)
-    assert estimate.spread is None
-    assert len(friction_model(estimate).w) <= 2
-    assert len(friction_model(replace(estimate, observations=Observations())).w) == 2
-
-
-def test_a_model_is_judged_by_data_points_of_the_whole_run(rng):
-    problem = four_feet()
-    data = observations_of(problem.outline, problem.truth, 0.4, 12, rng)
-    model = FrictionModel.of(problem.truth, 0.4)
-    wrong = [replace(one, twist=Twist(-one.twist.vy, one.twist.vx, one.twist.omega)) for one in data]
-    assert misfit(model, [*data * 10, *wrong], 3) > 3 * misfit(model, data * 10, 3)
 
 
 def test_a_contact_seen_to_leave_the_pusher_counts_as_unexplained():

@@ -63,15 +63,6 @@ def test_a_tip_that_leaves_the_object_does_not_push_it():
         pushed_motion(ROD, SIDE, np.array((0.0, -0.02)), 0.3)
 
 
-def test_a_straight_push_carries_the_object_along():
-    pushed = PushedObject(Outline.rectangle(0.1, 0.06), TABLE_1["wood_rect4"].support, 0.3, Pose(0.0, 0.04, 0.0))
-    line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.002)
-    assert pushed.push(line, 0.007) is ContactMode.FREE
-    assert pushed.push(line, 0.03) is ContactMode.STICKING
-    assert pushed.pose == pytest.approx((0, 0.03 + 0.002 + 0.03, 0), abs=1e-6)
-    assert pushed.push(line, 0.01) is ContactMode.FREE
-
-
 def test_many_small_steps_end_where_few_large_ones_do():
     ends = []
     for steps in (1, 500):

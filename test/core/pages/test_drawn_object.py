@@ -97,15 +97,6 @@ def test_what_is_no_drawing_changes_nothing(file, body):
     assert str(drawn.figures()) == str(before)
 
 
-def test_a_file_with_a_wrong_outline_can_be_corrected(file):
-    file.write_text(FILE.replace("[0.06, -0.04], [0.06, 0.04]", "[0.06, 0.04], [0.06, -0.04]"))
-    drawn = DrawnObject(file)
-    assert "Self-intersection" in drawn.problem
-    drawn.take(drawing())
-    drawn.save()
-    np.testing.assert_array_equal(load_object(str(file)).outline.vertices, OUTLINE)
-
-
 def photograph(pose):
     """The plate on the table, as the camera sees its top face."""
     image = np.full((CAMERA.height, CAMERA.width), 50, np.uint8)
@@ -166,16 +157,6 @@ def test_an_outline_is_found_again_in_the_frame_of_the_file(file):
     before = drawn.figures()["outline"]
     drawn.take(json.dumps({"outline": before, "find": True}).encode())
     np.testing.assert_allclose(drawn.figures()["outline"], OUTLINE, atol=0.3e-3)
-
-
-def test_what_is_dark_on_a_bright_scan_is_found(tmp_path):
-    scan = np.full((297, 210), 250, np.uint8)
-    scan[100:200, 50:170] = 40
-    drawn = DrawnObject(tmp_path / "block.yaml", width=0.21)
-    drawn.show(cv2.GaussianBlur(scan, (0, 0), 0.8), "scan.png")
-    drawn.save()
-    lengths = load_object(str(tmp_path / "block.yaml")).outline.lengths
-    assert sorted(lengths) == pytest.approx([0.1, 0.1, 0.12, 0.12], abs=0.5e-3)
 
 
 def test_a_picture_that_shows_no_object_says_so(file):

@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import pytest
 from problems import PROBLEMS, moment, rows_of
@@ -7,7 +5,7 @@ from problems import PROBLEMS, moment, rows_of
 from pushfric_core.errors import UninformativePush
 from pushfric_core.geometry.planar import Twist
 from pushfric_core.geometry.support import FreeRadii, support_forces
-from pushfric_core.program.constraints import Cone, Frictionless, Moment, NormalForce, SensedDirection, SensedForce
+from pushfric_core.program.constraints import Cone, Frictionless, Moment, NormalForce, SensedDirection
 from pushfric_core.solvers.program import fit_error
 from pushfric_core.trajectories.observation import Observation
 
@@ -41,15 +39,6 @@ def test_the_error_of_an_interval_is_what_reaches_beyond_it():
         assert fit_error(rows, residuals) == pytest.approx(error)
 
 
-def test_an_interval_without_width_costs_as_the_point_does(rng):
-    problem = PROBLEMS[0]()
-    weights = rng.dirichlet(np.ones(4))
-    observation = problem.observations[0]
-    narrow = rows_of(Moment(), dataclasses.replace(observation, half_width=1e-12), problem.truth.points)
-    point = rows_of(Moment(), observation, problem.truth.points)
-    assert fit_error(narrow, narrow.a @ weights) == pytest.approx(fit_error(point, point.a @ weights))
-
-
 @pytest.mark.parametrize("make", PROBLEMS)
 def test_the_pusher_pushes(make):
     problem = make()
@@ -73,16 +62,6 @@ def test_frictionless_rows_measure_the_tangential_force():
     # f = -(1, 1) / sqrt(2), t = (1, 0)
     assert rows.a @ (0.5, 0.5) == pytest.approx(-np.sqrt(0.5))
     assert rows.above == rows.below == 0.05
-
-
-def test_without_a_measured_force_its_constraints_bring_no_rows():
-    push = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0))
-    assert rows_of(SensedForce(), push, TWO).a.shape == (0, 3)
-    assert rows_of(SensedDirection(0.1), push, TWO).a.shape == (0, 2)
-    # a sensor that reads nothing gives no direction, but a magnitude
-    resting = dataclasses.replace(push, force=(0.0, 0.0))
-    assert rows_of(SensedForce(), resting, TWO).a.shape == (2, 3)
-    assert rows_of(SensedDirection(0.1), resting, TWO).a.shape == (0, 2)
 
 
 def test_a_direction_is_known_to_less_than_a_right_angle():

@@ -3,7 +3,6 @@
 import itertools
 import os
 import re
-import select
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -168,14 +167,6 @@ def test_a_status_report_is_understood_field_by_field(line, status):
     assert parse_status(line) == status
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["ok", "", "<>", "<Idle|MPos:0.0", "Idle|MPos:0.000>", "<Run|MPos:1.0.0,0,0>", "<Run|Bf:a,b>", "<Run|Ln:>", "[MSG:<x]"],
-)
-def test_a_damaged_report_is_ignored(line):
-    assert parse_status(line) is None
-
-
 def test_connecting_asks_who_and_how(peer):
     pusher = connect(peer)
     assert peer.heard == ASKED
@@ -236,17 +227,6 @@ def test_noise_at_boot_is_ignored(peer):
     pusher = connect(peer, noise)
     assert pusher.mode is Mode.IDLE
     assert pusher.name.startswith("Grbl 1.1f.20170131")
-
-
-def test_firmware_that_reads_only_while_more_is_coming(peer):
-    peer.replies[b"$I"] = ""
-    pusher = Grbl(peer.port)
-    pusher.connect()
-    peer.say(GREETING)
-    drive(pusher, lambda: peer.heard == b"$I\n" and pusher._statuses, peer)
-    peer.say("ok\r\n")
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert pusher.mode is Mode.IDLE
 
 
 def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
@@ -447,14 +427,6 @@ def test_an_axis_that_runs_backwards(peer):
     assert peer.heard == b"\x90$J=G21G90Y-10.500F600.000\n"
 
 
-def test_home_is_zero_to_the_last_digit(peer):
-    pusher = connect(peer, home=True)
-    peer.status = "<Idle|MPos:-255.907,0.000,0.000|FS:0,0>"  # which floating point turns into -3e-17 m
-    pusher.recover()
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert str(report_now(pusher, peer).position) == "0.0"
-
-
 def test_the_work_offset_is_waited_for_and_remembered(peer):
     late = Grbl(peer.port)
     late.connect()
@@ -495,19 +467,6 @@ def test_without_a_feed_field_positions_and_stamps_give_the_speed(peer):
         peer.status = f"<Run|MPos:{x},0.000,0.000>"
         report = report_now(pusher, peer, stamp)
     assert report.speed == pytest.approx(0.0004)
-
-
-@pytest.mark.parametrize("feed", ["FS:0,0", "FS:1200,0"])
-@pytest.mark.parametrize("state", ["Hold", "Door"])
-def test_the_reported_feed_is_ignored_in_a_hold(peer, state, feed):
-    """GrblHAL reports no feed while it brakes, and the programmed feed at rest."""
-    pusher = connect(peer)
-    peer.status = f"<{state}:1|MPos:0.300,0.000,0.000|{feed}>"
-    report_now(pusher, peer, 10**9)
-    peer.status = f"<{state}:1|MPos:0.500,0.000,0.000|{feed}>"
-    assert report_now(pusher, peer, 2 * 10**9) == (0.0005, pytest.approx(0.0002), Mode.HOLD, 2 * 10**9)
-    peer.status = f"<{state}:0|MPos:0.500,0.000,0.000|{feed}>"
-    assert report_now(pusher, peer, 3 * 10**9) == (0.0005, 0.0, Mode.HOLD, 3 * 10**9)
 
 
 def test_a_pusher_that_brakes_is_not_said_to_rest(peer):
@@ -664,17 +623,6 @@ def test_a_process_that_stood_still_moves_nothing_any_more(peer):
     assert peer.heard.endswith(b"!\x85")
 
 
-def test_garbage_without_end_is_survived(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
-    for _ in range(20):
-        peer.say(b"\x00\xfe<Run|" * 80)
-        drive(pusher, lambda: not select.select([pusher._port.fd], [], [], 0)[0], ask=False)
-    peer.say("\r\n")
-    peer.status = "<Idle|MPos:1.500,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: not pusher.busy, peer)
-
-
 def test_a_write_that_succeeds_late_loses_nothing(peer, monkeypatch):
     """On a busy machine, a process can stand still for longer than a write may take, after the write has succeeded."""
     pusher = connect(peer)
@@ -723,34 +671,3 @@ def test_reconnecting_neither_moves_nor_homes(peer):
 def simulated() -> Iterator[SimulatedGrbl]:
     with SimulatedGrbl(time.monotonic) as simulated:
         yield simulated
-
-
-def test_leaving_in_mid_push_stops_without_losing_the_position(simulated):
-    pusher = Grbl(simulated.port, **PATIENT)
-    pusher.connect()
-    drive(pusher, lambda: not pusher.busy)
-    pusher.move_to(0.09, 0.02)
-    drive(pusher, lambda: simulated.position() > 0.002)
-    pusher.close()
-    rest = simulated.position()
-    pusher.connect()
-    drive(pusher, lambda: not pusher.busy)
-    assert simulated.position() == rest < 0.05
-    assert pusher.mode is Mode.IDLE
-    pusher.close()
-
-
-def test_a_homing_that_is_stopped_was_not_silent(monkeypatch):
-    """Questions stay unanswered while GRBL homes, for longer than is allowed at any other time."""
-    monkeypatch.setattr("pushfric_core.pushers.serial_pusher.SILENCE", 1.0)
-    with SimulatedGrbl(lambda: 0.0, homing=True) as simulated:
-        pusher = Grbl(simulated.port, home=True)
-        pusher.connect()
-        drive(pusher, lambda: not pusher.busy)
-        pusher.recover()
-        drive(pusher, lambda: pusher._silent_since is not None and time.monotonic() - pusher._silent_since > 1.0)
-        assert pusher.mode is Mode.HOMING
-        pusher.stop()
-        drive(pusher, lambda: not pusher.busy)
-        assert pusher.mode is Mode.ALARM
-        pusher.close()

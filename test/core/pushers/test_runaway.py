@@ -579,15 +579,6 @@ def test_answers_that_come_late_leave_a_stroke_even(late):
     assert stroke.sent == 0.1
 
 
-@pytest.mark.parametrize("way", ["delay_to_host", "delay_to_controller"])
-def test_answers_that_come_late_end_no_stroke(stage, way):
-    pusher = stage.driver()
-    setattr(stage.line, way, 0.1)
-    pusher.move_to(0.02, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
-    assert stage.controller.position() == pytest.approx(0.02, abs=1e-9)
-
-
 def test_a_controller_that_answers_too_late_gets_no_stroke(stage):
     pusher = stage.driver(silence=0.5)
     stage.line.delay_to_host = 0.7

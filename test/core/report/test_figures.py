@@ -83,14 +83,6 @@ def test_no_curve_is_clipped_and_the_spread_is_drawn(drawn, estimates, tmp_path,
     np.testing.assert_allclose(np.abs(corners).max(axis=0), half, rtol=0.02)
 
 
-def test_slipping_pushes_are_marked(drawn, estimates, tmp_path):
-    summary_figure(tmp_path / "figure.svg", KNOWN.outline, estimates, DATA, None, slipping=(1, 2, 5))
-    axes = panel(drawn[0], "Lower bounds")
-    every, slipping = axes.containers
-    assert (sum(heights(every)), sum(heights(slipping))) == (len(DATA), 3)
-    assert "slipping" in labels(axes)
-
-
 def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):
     data = DATA[0]
     pull = data.__class__(data.contact_point, tuple(-n for n in data.contact_normal), data.twist)

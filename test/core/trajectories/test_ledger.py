@@ -12,7 +12,6 @@ from test_observation_maker import BAR, FRAME, FRAMES, made, pose, pusher
 from pushfric_core.trajectories.ledger import (
     AHEAD,
     KINDS,
-    LOST,
     MOST_EVENTS,
     NO_PARTNER,
     NOT_SEEN,
@@ -130,15 +129,6 @@ def test_a_stream_returns_stamps_in_order_and_counts_all(stamps, distinct):
     stream.close(ledger, POSES, None)
     check_sums(ledger, {POSES: len(stamps)})
     assert len(ledger.events) <= MOST_EVENTS
-
-
-def test_a_sound_run_has_no_doubts_and_no_events():
-    found, ledger = of(by_time(streams()))
-    assert len(found) >= 9
-    assert not ledger.doubts
-    assert not ledger.events
-    assert not any(account.ended[reason] for account in ledger.accounts.values() for reason in LOST)
-    assert ledger.accounts[POSES].ended[USED] > COUNT / 2
 
 
 @pytest.mark.parametrize("which", range(3))

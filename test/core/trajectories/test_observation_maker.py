@@ -6,7 +6,7 @@ from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.sensed_force import ForceSample
-from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory
+from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
 
 BAR = Outline.rectangle(0.12, 0.06)
 LINE = PushingLine((0.0, -0.05), (0.0, 1.0), 0.003)
@@ -30,16 +30,6 @@ def pusher(frame):
 def made(maker, what):
     add = {PoseSample: maker.add_pose, PusherSample: maker.add_pusher, ForceSample: maker.add_force}
     return [observation for sample in what for observation in add[type(sample)](sample)]
-
-
-def test_without_forces_data_points_are_those_of_the_trajectory():
-    samples = [sample for frame in FRAMES for sample in (pusher(frame), pose(frame))]
-    trajectory = Trajectory(BAR)
-    found = []
-    for sample in samples:
-        found += trajectory.add_pose(sample) if isinstance(sample, PoseSample) else trajectory.add_pusher(sample)
-    assert found
-    assert found == made(ObservationMaker(BAR), samples)
 
 
 def test_with_forces_a_data_point_waits_and_time_is_not_settled():

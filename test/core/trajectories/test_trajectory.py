@@ -44,14 +44,6 @@ def in_time(poses, pushers):
     return sorted([*poses, *pushers], key=lambda sample: sample.stamp)
 
 
-def test_a_typical_push_gives_three_to_six_observations():
-    observations = feed(Trajectory(OUTLINE), in_time(*samples_of_a_push()))
-    assert 3 <= len(observations) <= 6
-    steps = np.diff([o.stamp for o in observations]) / FRAME
-    assert np.allclose(steps, 5)
-    assert all(o.push_id == 0 and np.allclose(o.contact_normal, (0, -1)) for o in observations)
-
-
 def riffled(rng, poses, pushers):
     """The two streams in a random common order."""
     order, streams = rng.permutation([0] * len(poses) + [1] * len(pushers)), (iter(poses), iter(pushers))

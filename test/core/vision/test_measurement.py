@@ -138,16 +138,6 @@ def test_the_tip_and_its_line_are_found(camera, kind, tip, table):
         assert found.scale == pytest.approx(1.0, abs=1e-6)
 
 
-def test_wrong_entries_of_the_pusher_are_named():
-    images = strokes(STRAIGHT, TIP, (0.08, 0.03), 0.5, 0)
-    found = measure_tip(STRAIGHT, POSITIONS, images, 0.003)
-    right = StageConfig((0.08, 0.03), (math.cos(0.5), math.sin(0.5)), RADIUS, 0.06, 0.1)
-    assert tip_findings(found, right, height_is_given=False) == []
-    wrong = StageConfig((0.081, 0.03), (math.cos(0.51), math.sin(0.51)), 0.003, 0.06, 0.1)
-    findings = tip_findings(found, wrong, height_is_given=False)
-    assert [finding.split()[0] for finding in findings] == ["line_origin", "line_direction", "tip_radius"]
-
-
 def test_a_stroke_of_another_length_than_the_controller_says_is_named():
     images = strokes(STRAIGHT, TIP, (0.08, 0.03), 0.5, 0, scale=1.02)
     found = measure_tip(STRAIGHT, POSITIONS, images, 0.003, TOP)

@@ -14,7 +14,6 @@ from sensor_msgs.msg import Image
 
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig
 from pushfric_core.commands import dependencies
-from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.pushers import serial_checks
@@ -138,14 +137,6 @@ def machine_is_well(monkeypatch):
     """Leave out the checks of the machine."""
     for name in ("ros", "packages", "build", "clock", "discovery", "multicast"):
         monkeypatch.setattr(doctor, f"check_{name}", lambda name=name: Check(name, OK, ""))
-
-
-@pytest.mark.parametrize("content", [None, "object: brick\n", ": :"])
-def test_a_wrong_cell_file_is_refused_before_any_check(tmp_path, content):
-    if content is not None:
-        (tmp_path / "cell.yaml").write_text(content)
-    with pytest.raises(InvalidInput, match=r"cell\.yaml: "):
-        next(doctor.examine(tmp_path / "cell.yaml", tmp_path / "runs", lambda _: None))
 
 
 @pytest.mark.usefixtures("machine_is_well")
@@ -388,14 +379,6 @@ def test_a_port_without_permission_names_its_group(monkeypatch, tmp_path):
     check = serial_checks.check_port(str(tmp_path / "port"))
     assert check.finding == f"no permission to use {tmp_path}/port"
     assert check.advice == f"sudo usermod -aG {group} $USER, then log in again"
-
-
-def test_a_controller_without_homing_is_idle_where_it_stands():
-    with Listening(time.monotonic, travel=0.1) as controller:
-        check, limits = serial_checks.check_controller(GrblConfig(controller.port), Grbl, pusher())
-    assert (check.level, check.finding.endswith(", idle, at 0.0 mm")) == (OK, True)
-    assert limits == Limits(math.inf, pytest.approx(0.1), pytest.approx(0.5))
-    assert set(controller.heard) == {"$I", "$$", "$#", "$G"}
 
 
 @pytest.mark.parametrize(

@@ -105,14 +105,6 @@ def test_two_simulated_cells_keep_their_own_time(ros, tmp_path):
             assert endpoint.node_namespace == namespace
 
 
-def test_in_a_simulated_cell_nobody_is_given_up_as_soon_as_in_a_real_one(tmp_path):
-    """Whoever is silent there has died, or has not had the processor for a while."""
-    specs = graph.simulated_cell(demo_cell("rubber_rect4", tmp_path), "bag", seed=0, speed=5.0)
-    given = {name: value for spec in specs for name, value in spec.parameters.items()}
-    patience = ("lost_object", "lost_result", "owner_timeout", "requires_timeout", "silence")
-    assert {name: given[name] for name in patience} == dict.fromkeys(patience, graph.LEAST_TIMEOUT)
-
-
 def test_the_nodes_are_told_who_may_reach_them(monkeypatch, tmp_path):
     for name in network.VARIABLES:
         monkeypatch.delenv(name, raising=False)

@@ -176,15 +176,6 @@ def test_a_region_becomes_a_message():
     assert (edge, offset, angle, area) == (2, 0.01, 0.96, msg.area)
 
 
-def test_a_collapsed_region_gives_the_point_that_violates_the_half_planes_least():
-    half_planes = HalfPlanes(Outline.rectangle(0.12, 0.06))
-    half_planes.add([HalfPlane((0.0, 1.0), 0.1)])
-    msg = region_msg(half_planes)
-    assert (msg.collapsed, msg.area, len(msg.polygon.polygon.points), len(msg.next_pushes)) == (True, 0.0, 0, 0)
-    assert msg.center_of_friction.y == pytest.approx(0.03)
-    assert msg.violation == pytest.approx(0.07)
-
-
 def test_pushfric_core_knows_every_type_of_the_cell_as_it_is_installed():
     """Bags that pushfric_core writes are played where the types are installed."""
     used = {name for name in message_types.known_types().types if name.startswith("pushfric_msgs/msg/")}

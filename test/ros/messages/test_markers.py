@@ -75,17 +75,6 @@ def test_the_areas_of_the_discs_are_proportional_to_the_weights(estimate):
         assert (disc.pose.position.x, disc.pose.position.y) == (point.x, point.y)
 
 
-def test_outline_center_and_text_are_those_of_the_estimate(estimate):
-    estimate.contact_friction.p90, estimate.contact_friction.max, estimate.confidence = 0.43, math.inf, math.nan
-    found = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))
-    corners = points(found["outline"][0])
-    np.testing.assert_array_equal(corners, [*OUTLINE.vertices, OUTLINE.vertices[0]])
-    assert found["center_of_friction"][0].pose.position == estimate.center_of_friction
-    assert found["mu_c"][0].text == "rubber_rect4: mu_c 0.43 (90 %), inf (100 %)"
-    assert len(found["support_points"][0].points) == len(estimate.support_friction.support_points)
-    assert "confidence" not in found
-
-
 @pytest.mark.parametrize("mu", [0.0, 0.5, math.inf])
 def test_the_friction_cone_opens_inwards_by_mu_c_about_the_normal(estimate, mu):
     estimate.contact_friction.p90 = mu

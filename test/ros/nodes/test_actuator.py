@@ -522,21 +522,6 @@ def test_a_new_process_that_cannot_know_waits_for_a_person(ros, controller, tmp_
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
 
 
-def test_a_controller_that_stayed_on_homes_again_when_the_next_process_starts(ros, tmp_path, capfd):
-    """Its positions before homing are of no meaning, so nothing is said about them."""
-    with SimulatedGrbl(time.monotonic, homing=True, restarts=False) as controller:
-        for _ in range(2):
-            cell = Cell(ros, controller.port, home=True, memory=str(tmp_path / "memory")).ready()
-            assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
-            cell.wait_for_mode(PusherState.MODE_IDLE)
-            memory = PositionMemory(str(tmp_path / "memory"), controller.port)
-            ros.wait_for(lambda memory=memory: memory.recall() == 0.01, what="the memory")
-            cell.change(Transition.TRANSITION_DEACTIVATE)
-            cell.change(Transition.TRANSITION_CLEANUP)
-            controller._restart(keep_coordinates=True)  # the next driver may not rest on its greeting
-    assert "was at" not in capfd.readouterr().err
-
-
 def test_a_push_that_was_not_even_says_so(ros, controller):
     """The line holds answers back, again and again, for longer than the motion that was sent lasts."""
     with FaultyLine(controller.port) as line:

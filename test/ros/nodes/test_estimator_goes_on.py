@@ -317,16 +317,3 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
         writer.flush()
         assert len(resumption.read_on()) == 4
         assert [held.msg.position for held in resumption.held] == [msg.position for msg in STATES[11:13]]
-
-
-def test_data_points_by_topic_follow_those_of_a_model(ros, tmp_path):
-    node = ros.node("peer", namespace="/cell")
-    ros.compose(made(EstimatorNode, object=NAME, source="observations", model=kept(tmp_path / "model.yaml", DATA[:5])))
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", LATCHED)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
-    for observation in DATA[5:]:
-        out.publish(observation_to_msg(observation, NAME))
-    ros.wait_for(lambda: estimates and estimates[-1].data_points == 9, LONG, "the estimate of both")
-    assert list(estimates[-1].support_friction.weights) == list(fitted(DATA).w)
-    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
-    ros.wait_for(lambda: estimates[-1].data_points == 5, LONG, "the estimate of the model again")

@@ -12,7 +12,6 @@ from printed import marked_picture
 from sensor_msgs.msg import CompressedImage, Image
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
-from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.simulated.camera import SimulatedCamera
@@ -20,7 +19,6 @@ from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.image_messages import TO_GREY
 from pushfric_core.vision.sighting import NO_OBJECT, UNMEASURED
-from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
@@ -117,16 +115,6 @@ def test_publishes_the_pose_at_the_time_of_the_image(cell):
     # z, roll and pitch are not measured: a variance of 0 would claim that they are exact
     np.testing.assert_array_equal(covariance[2:5], UNMEASURED * np.eye(6)[2:5])
     assert np.linalg.matrix_rank(covariance) == 6
-
-
-def test_every_frame_at_60_hz_gets_its_pose(cell):
-    frames = [cell.simulation.render(TRUTH._replace(x=0.1 + 0.0005 * i)) for i in range(30)]
-    for frame in frames:
-        cell.send(frame)
-    cell.ros.wait_for(lambda: len(cell.poses) == 30, what="30 poses")
-    stamps = [stamp_from_msg(msg.header.stamp) for msg in cell.poses]
-    assert stamps == [FIRST + (i + 1) * PERIOD for i in range(30)]
-    np.testing.assert_allclose([msg.pose.pose.position.x for msg in cell.poses], 0.1 + 0.0005 * np.arange(30), atol=5e-5)
 
 
 def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
@@ -230,14 +218,6 @@ def test_an_object_moved_by_hand_between_two_frames_lies_as_it_was_to_be_placed(
     assert_close(cell.see(truth), truth)
 
 
-def test_an_impossible_placement_is_ignored(cell):
-    bad = PoseStamped()
-    bad.pose.position.x = float("nan")
-    cell.placements.publish(bad)
-    cell.place(TRUTH)  # arrives after it
-    assert_close(cell.see(TRUTH), TRUTH)
-
-
 def test_compressed_images(ros, tmp_path):
     cell = Cell(ros, tmp_path, source="compressed")
     publisher = cell.here.create_publisher(CompressedImage, "image_raw/compressed", SENSOR_DATA)
@@ -277,26 +257,6 @@ def test_markers_give_the_pose(ros, tmp_path):
     cell.send(marked_picture(load_fiducials(tmp_path / "markers.yaml"), CAMERA, TRUTH, HEIGHT, np.random.default_rng(0)))
     ros.wait_for(lambda: cell.poses, what="a pose")
     assert_close(pose_from_msg(cell.poses[0].pose.pose), TRUTH)
-
-
-def test_the_height_in_the_cell_file_is_used(ros, tmp_path):
-    """If a face 12 mm over the table were taken to lie on it, it would seem 1.5 % larger and shifted by parallax."""
-    (tmp_path / "flat.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist()}))
-    save_camera(CAMERA, tmp_path / "camera.yaml")
-    pusher = {
-        "port": "p",
-        "line_origin": [0.0, 0.0],
-        "line_direction": [0.0, 1.0],
-        "tip_radius": 0.003,
-        "stroke": 0.06,
-        "max_speed": 0.1,
-    }
-    camera = {"source": "topic", "calibration": "camera.yaml", "object_height": HEIGHT}
-    (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"object": "flat.yaml", "camera": camera, "pusher": pusher}))
-    specs = graph.cell(load_cell(tmp_path / "cell.yaml"), str(tmp_path / "bag"))
-    parameters = dict(next(spec for spec in specs if spec.name == "tracker").parameters)
-    cell = Cell(ros, tmp_path, **parameters | {"heard_by": [""]})  # nobody else is here
-    assert_close(cell.see(TRUTH), TRUTH)
 
 
 def test_poses_wait_for_those_who_must_not_miss_one(ros, tmp_path):
@@ -349,17 +309,6 @@ def test_a_video_file_as_source(ros, tmp_path):
         assert abs(msg.pose.pose.position.x - truth.x) < 2e-4  # as JPEG left it
     stamps = np.diff([stamp_from_msg(msg.header.stamp) for msg in cell.poses])
     assert (stamps > 0).all()
-
-
-def test_a_frozen_camera_gives_no_pose(ros, tmp_path):
-    simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
-    (tmp_path / "pictures").mkdir()
-    frames = [simulation.render(TRUTH) for _ in range(30)]
-    for i, frame in enumerate(frames + [frames[-1]] * 10):
-        cv2.imwrite(str(tmp_path / "pictures" / f"{i:03}.png"), frame)
-    cell = Cell(ros, tmp_path, source=f"{tmp_path}/pictures/*.png")
-    cell.report(frames="40", seen=str(30 + FROZEN_FRAMES - 2), last_reason="frozen frame")
-    assert cell.report(frames_s="0.0", frames="40").message == f"no frames from {tmp_path}/pictures/*.png"
 
 
 @pytest.mark.parametrize(

@@ -199,15 +199,6 @@ def test_what_is_left_out_stays_when_estimation_starts_again(cell):
     visitor.close()
 
 
-def test_an_aborted_push_is_marked(cell):
-    visitor = Visitor(cell.url)
-    cell.plan.publish(PlanProgress(phase=PlanProgress.PHASE_PUSHING, push_id=0, count=2))
-    visitor.until(lambda: "push/0" in visitor.story)
-    cell.plan.publish(PlanProgress(phase=PlanProgress.PHASE_PLACING, push_id=1, count=2, aborted=1))
-    visitor.until(lambda: visitor.story["push/0"]["aborted"])
-    visitor.close()
-
-
 def test_requests_reach_their_services_and_their_answers_the_visitor(cell):
     stopped, excluded, kept = [], [], []
 

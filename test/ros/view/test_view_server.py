@@ -77,17 +77,6 @@ def test_a_slow_visitor_gets_the_newest_of_each_and_not_all(server):
     asyncio.run(visit())
 
 
-def test_a_key_that_is_taken_back_is_not_told_to_late_visitors(server):
-    async def visit():
-        server.show({"push/1": {}, "estimate": {"w": [1.0]}})
-        server.show({"push/1": None, "estimate": None, "fault": "none"})
-        socket = await websocket_connect(live(server))
-        assert json.loads(await read(socket)) == {"all": {"estimate": None, "fault": "none"}}
-        socket.close()
-
-    asyncio.run(visit())
-
-
 @pytest.mark.parametrize("push", [-1, 2**31, 9_999_999_999])
 def test_a_number_that_no_push_has_is_refused(server, told, push):
     async def visit():
