@@ -36,6 +36,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
+from pushfric_core import Estimator, InvalidInput, Observation, Pose, PushfricError, Trajectory, Twist, friction_model
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import Decoder, encoder
@@ -48,8 +49,6 @@ from pushfric_core.bags.samples import force_sample_from_msg, observation_from_m
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig, ViewConfig
 from pushfric_core.datasets import cpush, mitpush, zhou2015
-from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, save_model
@@ -58,8 +57,6 @@ from pushfric_core.files.observation_file import OPTIONAL, REQUIRED, read_observ
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.files.pushes_file import read_edge_pushes, read_point_pushes
 from pushfric_core.files.yaml_edit import with_values
-from pushfric_core.geometry.planar import Pose, Twist
-from pushfric_core.mechanics.prediction import friction_model
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.table import write_table
@@ -70,8 +67,6 @@ from pushfric_core.pushers.grbl_protocol import parse_status
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import PusherError
 from pushfric_core.report.report import to_json
-from pushfric_core.trajectories.observation import Observation
-from pushfric_core.trajectories.trajectory import Trajectory
 from pushfric_core.vision.camera import Lens, load_camera, picture_from
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points

@@ -12,11 +12,9 @@ from calls import invoked
 from rich.console import Console
 from semantic_damage import DAMAGES, SECOND, STREAMS, Recording, damaged
 
+from pushfric_core import InvalidInput, Outline, TrajectoryConfig
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.recorded_run import disagreements
 from pushfric_ros.commands.watch import Monitor

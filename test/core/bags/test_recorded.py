@@ -10,18 +10,13 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
+from pushfric_core import TABLE_1, EstimatorConfig, InvalidInput, Pose, PushedObject, PushingLine
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.simulation import PushedObject
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, offered

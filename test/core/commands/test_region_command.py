@@ -8,16 +8,12 @@ import pytest
 from calls import printed
 from problems import observations_of
 
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.estimation.push_choice import next_pushes, planned_pushes
-from pushfric_core.estimation.region import HalfPlanes, RegionConfig, line_of_motion
+from pushfric_core import TABLE_1, Estimator, HalfPlanes, InvalidInput, Observation, Twist, next_pushes
+from pushfric_core.estimation.push_choice import planned_pushes
+from pushfric_core.estimation.region import RegionConfig, line_of_motion
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import REQUIRED
 from pushfric_core.files.plan_file import load_plan
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.trajectories.observation import Observation
 
 NAME = "wood_rect3"
 KNOWN = TABLE_1[NAME]

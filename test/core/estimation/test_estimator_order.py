@@ -8,12 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from problems import flat_bar, observations_of, square
 
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
-from pushfric_core.geometry.planar import Twist, velocity_at
-from pushfric_core.geometry.support import Support
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core import ConstraintRows, Estimator, EstimatorConfig, Observation, Support, Twist
+from pushfric_core.geometry.planar import velocity_at
 from pushfric_core.solvers import empty_program
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.spread import EXACT, is_due
 
 FEET = Support(0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))), np.array((0.1, 0.2, 0.3, 0.4)))

@@ -3,12 +3,10 @@ import pytest
 import shapely
 from problems import flat_bar, four_feet, pushed_as_planned
 
-from pushfric_core.estimation.push_choice import LIKELY_MU, next_pushes, planned_pushes, slip_pushes
+from pushfric_core import FrictionModel, HalfPlanes, Outline, Support, next_pushes, predict, slip_pushes
+from pushfric_core.estimation.push_choice import LIKELY_MU, planned_pushes
 from pushfric_core.estimation.push_plan import even_pushes, planned_contact
-from pushfric_core.estimation.region import HalfPlane, HalfPlanes, line_of_pushing
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.prediction import FrictionModel, predict
+from pushfric_core.estimation.region import HalfPlane, line_of_pushing
 from pushfric_core.mechanics.simulation import ContactMode
 
 PLATE = Outline.rectangle(0.12, 0.06)

@@ -1,14 +1,13 @@
 import numpy as np
 import pytest
 
+from pushfric_core import Outline, PushingLine
 from pushfric_core.estimation.push_plan import (
     PlannedPush,
     even_pushes,
     placement,
     planned_contact,
 )
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import rotation
 
 OUTLINE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))

@@ -5,14 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from problems import pushed_as_planned
 
-from pushfric_core.errors import UninformativePush
+from pushfric_core import HalfPlanes, Observation, Outline, Status, Support, Twist, UninformativePush
 from pushfric_core.estimation.push_plan import PlannedPush
-from pushfric_core.estimation.region import HalfPlane, HalfPlanes, line_of_force, line_of_motion, line_of_pushing
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Twist, velocity_at
-from pushfric_core.geometry.support import Support
-from pushfric_core.solvers.program import Status
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core.estimation.region import HalfPlane, line_of_force, line_of_motion, line_of_pushing
+from pushfric_core.geometry.planar import velocity_at
 
 PLATE = Outline.rectangle(0.12, 0.06)
 ELL = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))

@@ -9,15 +9,12 @@ from problems import observations_of
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
+from pushfric_core import TABLE_1, Estimator, EstimatorConfig, InvalidInput, TrajectoryConfig
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 

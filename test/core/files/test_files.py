@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 import yaml
 
+from pushfric_core import TABLE_1, InvalidInput, Outline
 from pushfric_core.cell.cell_file import SECTIONS, driver_kinds, load_cell
 from pushfric_core.cell.node_settings import ImagesConfig
-from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.files.object_file import load_object, read_points, save_object
 from pushfric_core.files.observation_file import read_observations
 from pushfric_core.files.plan_file import load_plan, save_plan
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.settings import key_of
 from pushfric_ros.graph import graph
 

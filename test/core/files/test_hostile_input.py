@@ -17,16 +17,15 @@ from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
+from pushfric_core import InvalidInput, Outline
 from pushfric_core.bags import samples
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.recorded import Recorded, check_source
 from pushfric_core.datasets import zhou2015
-from pushfric_core.errors import InvalidInput
 from pushfric_core.files.bounded_yaml import DEPTH_LIMIT, INTEGER_LIMIT, NODE_LIMIT, TEXT_LIMIT, load_yaml
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object, read_points, yaml_content
-from pushfric_core.geometry.outline import Outline
 from pushfric_core.vision import PIXEL_LIMIT
 from pushfric_core.vision.camera import picture_from
 from pushfric_msgs.msg import Observation, PusherState

@@ -8,15 +8,11 @@ import pytest
 from problems import three_feet
 from rclpy.serialization import deserialize_message, serialize_message
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core import TABLE_1, EstimatorConfig, Hypothesis, InvalidInput, Observation, Ranking, Recognizer, Twist
 from pushfric_core.estimation.batch import recognize
-from pushfric_core.estimation.estimator import EstimatorConfig
-from pushfric_core.estimation.recognition import Hypothesis, Ranked, Ranking, Recognizer
+from pushfric_core.estimation.recognition import Ranked
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.report.report import recognition_report, to_json
-from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import Recognition
 from pushfric_ros.messages.conversions import recognition_to_msg
 

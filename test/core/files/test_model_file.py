@@ -8,14 +8,10 @@ import pytest
 import yaml
 from problems import three_feet
 
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core import Estimator, EstimatorConfig, InvalidInput, Observation, Pose, Twist, friction_model
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import DataPointFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object
-from pushfric_core.geometry.planar import Pose, Twist
-from pushfric_core.mechanics.prediction import friction_model
-from pushfric_core.trajectories.observation import Observation
 
 PROBLEM = three_feet()
 FILE = ObjectFile(

@@ -12,16 +12,12 @@ import yaml
 from calls import printed
 from exported import OBJECTS
 
-from pushfric_core import FrictionModel, Support, export
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator
+from pushfric_core import Estimator, FrictionModel, InvalidInput, Observation, Support, Twist, export
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object
 from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, Body, load_of
 from pushfric_core.formats.feet import TOLERANCE, few_feet
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.trajectories.observation import Observation
 
 LOAD = load_of(0.3, 0.25, GRAVITY, None)
 

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from pushfric_core.errors import UninformativePush
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.geometry.support import Support, check_points, friction_directions
+from pushfric_core import Support, Twist, UninformativePush
+from pushfric_core.geometry.support import check_points, friction_directions
 
 BAR = Support(np.array(((-1.0, 0.0), (1.0, 0.0))), np.array((0.5, 0.5)))
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from problems import four_feet, observations_of, square, three_feet
 
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.geometry.planar import Twist, left_of
-from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.prediction import FrictionModel, friction_model, misfit, motion_cone, predict, stability
+from pushfric_core import Estimator, FrictionModel, Observation, Support, Twist, friction_model, motion_cone, predict, stability
+from pushfric_core.geometry.planar import left_of
+from pushfric_core.mechanics.prediction import misfit
 from pushfric_core.mechanics.simulation import ContactMode
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.contact_friction import Kind
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))

@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from pushfric_core.errors import PushfricError
-from pushfric_core.geometry.outline import Outline, Touch
+from pushfric_core import TABLE_1, Outline, PushfricError, Support, Touch, pushed_motion
 from pushfric_core.geometry.planar import cross, left_of, rotation
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.quasi_static import MODES, Motions, holding_margins, motion_cones, motions
-from pushfric_core.mechanics.simulation import ContactMode, pushed_motion
+from pushfric_core.mechanics.simulation import ContactMode
 
 TRIANGLE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
 ROD = np.array(((-0.5, 0.0), (0.5, 0.0)))

@@ -1,12 +1,9 @@
 import numpy as np
 import pytest
 
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import Pose, cross, left_of, rotation, velocity_at
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.simulation import ContactMode, PushedObject, pushed_motion
+from pushfric_core import TABLE_1, Outline, Pose, PushedObject, PushingLine, Support, Touch, pushed_motion
+from pushfric_core.geometry.planar import cross, left_of, rotation, velocity_at
+from pushfric_core.mechanics.simulation import ContactMode
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
 SIDE = Touch(0.0, np.array((0.0, 0.0)), np.array((0.0, -1.0)), 0)

@@ -1,13 +1,9 @@
 import numpy as np
 import pytest
 
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core import TABLE_1, FrictionModel, Pose, PushedObject, PushingLine, predict_strokes
 from pushfric_core.mechanics import quasi_static
-from pushfric_core.mechanics.prediction import FrictionModel
-from pushfric_core.mechanics.simulation import ContactMode, PushedObject
-from pushfric_core.mechanics.strokes import predict_strokes
+from pushfric_core.mechanics.simulation import ContactMode
 
 POSES = [Pose(-0.03, 0.06, 0.1), Pose(0.01, 0.07, 2.0), Pose(0.02, 0.06, -1.2), Pose(0.5, 0.06, 0.0)]
 LINES = [PushingLine((0.0, 0.0), (0.0, 1.0), radius) for radius in (0.0, 0.002, 0.005, 0.002)]

@@ -2,18 +2,8 @@ import numpy as np
 import pytest
 from scipy.optimize import check_grad
 
-from pushfric_core.geometry.planar import Wrench
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.limit_surface import LimitSurface
-from pushfric_core.mechanics.surface_models import (
-    EXPONENTS,
-    Quartic,
-    convex_quartic,
-    ellipsoid_error,
-    named_ellipsoid,
-    quartic_error,
-)
+from pushfric_core import TABLE_1, LimitSurface, Quartic, Support, Wrench, convex_quartic, named_ellipsoid
+from pushfric_core.mechanics.surface_models import EXPONENTS, ellipsoid_error, quartic_error
 
 SHIFTED = Support(np.array(((1.0, 2.0), (1.05, 2.0), (1.0, 2.1))), np.array((0.5, 0.3, 0.2)))
 

@@ -13,9 +13,8 @@ import pytest
 from cluster import local_cluster
 from problems import observations_of
 
+from pushfric_core import TABLE_1, Support
 from pushfric_core.files.model_file import load_model
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many, model_names
 from pushfric_core.offline.outliers import differing

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core import InvalidInput, Outline, Pose
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Pose, transform
+from pushfric_core.geometry.planar import transform
 from pushfric_core.pages.drawn_object import MOST, DrawnObject
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera

@@ -2,12 +2,10 @@ import numpy as np
 import pytest
 from problems import PROBLEMS, moment, rows_of
 
-from pushfric_core.errors import UninformativePush
-from pushfric_core.geometry.planar import Twist
+from pushfric_core import Observation, Twist, UninformativePush
 from pushfric_core.geometry.support import FreeRadii, support_forces
 from pushfric_core.program.constraints import Cone, Frictionless, Moment, NormalForce, SensedDirection
 from pushfric_core.solvers.program import fit_error
-from pushfric_core.trajectories.observation import Observation
 
 WITHIN_5_MM = FreeRadii(0.005, 0.005)
 TWO = np.array(((-0.03, 0.0), (0.03, 0.0)))

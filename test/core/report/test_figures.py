@@ -7,10 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from problems import observations_of
 
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.limit_surface import LimitSurface
+from pushfric_core import TABLE_1, Estimator, LimitSurface, Support
 from pushfric_core.report.figures import limit_surface_figure, summary_figure
 
 KNOWN = TABLE_1["rubber_rect4"]

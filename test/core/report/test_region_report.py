@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 from problems import observations_of
 
-from pushfric_core.estimation.push_choice import next_pushes, slip_pushes
-from pushfric_core.estimation.region import HalfPlanes, line_of_motion
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core import TABLE_1, HalfPlanes, Observation, Twist, next_pushes, slip_pushes
+from pushfric_core.estimation.region import line_of_motion
 from pushfric_core.report.region import narrowed, region_report
-from pushfric_core.trajectories.observation import Observation
 
 NAME = "wood_rect3"
 KNOWN = TABLE_1[NAME]

@@ -4,9 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from pushfric_core.errors import UninformativePush
-from pushfric_core.geometry.planar import Pose, Twist
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core import Observation, Pose, Twist, UninformativePush
 
 GOOD = Observation((0.05, 0.0), (1.0, 0.0), Twist(-0.02, 0.0, 0.1))
 

@@ -1,12 +1,9 @@
 import numpy as np
 import pytest
 
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Pose
+from pushfric_core import Outline, Pose, PoseSample, PusherSample, PushingLine
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.sensed_force import ForceSample
-from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
 
 BAR = Outline.rectangle(0.12, 0.06)
 LINE = PushingLine((0.0, -0.05), (0.0, 1.0), 0.003)

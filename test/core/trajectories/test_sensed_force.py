@@ -4,8 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from pushfric_core.geometry.planar import Pose, Twist
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core import Observation, Pose, Twist
 from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
 
 SECOND = 10**9

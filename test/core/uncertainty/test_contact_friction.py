@@ -3,9 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from pushfric_core.geometry.planar import Twist
+from pushfric_core import Observation, Twist
 from pushfric_core.geometry.support import FreeRadii, support_forces
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.contact_friction import contact_forces, lower_bounds, percentile
 
 MIDDLE = np.array(((0.0, 0.0),))

@@ -8,13 +8,10 @@ import pytest
 from problems import four_feet
 
 from bench.paper.pushes import estimated
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core import Estimator, EstimatorConfig, Observation, Touch, pushed_motion
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import read_observations
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.outline import Touch
-from pushfric_core.mechanics.simulation import pushed_motion
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.contact_friction import Kind, Tip, percentile, tip_at
 from pushfric_core.uncertainty.force_ratios import sliding
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from problems import observations_of, square
 
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
-from pushfric_core.geometry.planar import Twist, rotation, velocity_at
-from pushfric_core.geometry.support import Support
+from pushfric_core import Estimator, EstimatorConfig, Support, Twist
+from pushfric_core.geometry.planar import rotation, velocity_at
 from pushfric_core.uncertainty.reasons import ReasonCode
 
 POINTS = 0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from problems import four_feet
 
-from pushfric_core.estimation.estimator import Estimator
+from pushfric_core import Estimator, Observation, Touch, Twist, pushed_motion
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.outline import Touch
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.mechanics.simulation import pushed_motion
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.contact_friction import ContactForces, Kind, Slip, Tip, coefficient
 
 MU = 0.4

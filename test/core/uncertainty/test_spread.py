@@ -5,12 +5,9 @@ import pytest
 from problems import four_feet
 from scipy.optimize import linprog
 
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core import ConstraintRows, Estimator, EstimatorConfig, Observation, Twist
 from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.simplex import Simplex
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.reasons import ReasonCode
 from pushfric_core.uncertainty.spread import DIRECTIONS, ELLIPSE, FEWEST_PUSHES
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from printed import HALF_SIZE, black_rings, marked_picture, picture, rasterised
 
-from pushfric_core.errors import InvalidInput
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Pose, transform, wrap
+from pushfric_core import InvalidInput, Outline, Pose
+from pushfric_core.geometry.planar import transform, wrap
 from pushfric_core.vision.camera import Camera
 from pushfric_core.vision.fiducial_tracker import Fiducials, FiducialTracker, Marker, load_fiducials
 from pushfric_core.vision.printed_pdf import save_markers

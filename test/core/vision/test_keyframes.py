@@ -11,8 +11,7 @@ from calls import figures
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core import TABLE_1, Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.keyframes import MOST_HELD, Keyframes, Moment

@@ -6,9 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from pushfric_core.errors import InvalidInput
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Pose, inverse, transform
+from pushfric_core import InvalidInput, Outline, Pose
+from pushfric_core.geometry.planar import inverse, transform
 from pushfric_core.pushers.pusher import StageConfig
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera

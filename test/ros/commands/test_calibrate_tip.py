@@ -17,9 +17,8 @@ import yaml
 from calls import PROGRAM, invoked, pushfric, wait_until
 from sensor_msgs.msg import Image
 
+from pushfric_core import InvalidInput, Pose
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.errors import InvalidInput
-from pushfric_core.geometry.planar import Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera

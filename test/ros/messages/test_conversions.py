@@ -7,16 +7,12 @@ from geometry_msgs.msg import Quaternion
 from problems import four_feet
 from rclpy.serialization import deserialize_message, serialize_message
 
+from pushfric_core import Estimator, HalfPlanes, Observation, Outline, Pose, Twist, next_pushes
 from pushfric_core.bags import constants, message_types, samples
 from pushfric_core.estimation.estimate_report import EstimateReport
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.estimation.push_choice import next_pushes
 from pushfric_core.estimation.push_plan import PlannedPush
-from pushfric_core.estimation.region import HalfPlane, HalfPlanes
+from pushfric_core.estimation.region import HalfPlane
 from pushfric_core.estimation.verdict import Verdict
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Pose, Twist
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_msgs.msg import (

@@ -11,16 +11,13 @@ from problems import observations_of
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pushfric_core import TABLE_1, Estimator, HalfPlanes, Pose, next_pushes
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import FrameConfig
 from pushfric_core.estimation.estimate_report import EstimateReport
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.estimation.push_choice import next_pushes
-from pushfric_core.estimation.region import HalfPlane, HalfPlanes
+from pushfric_core.estimation.region import HalfPlane
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import OBJECT, TABLE
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.vision.camera import Camera
 from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg, region_to_msg
 from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers

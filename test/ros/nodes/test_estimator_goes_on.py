@@ -13,6 +13,7 @@ from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, pusher_msg
 
+from pushfric_core import TABLE_1, Estimator, InvalidInput, Pose, Trajectory
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.mcap_file import GrowingFile
@@ -20,14 +21,9 @@ from pushfric_core.bags.recorded import Recorded, beside
 from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.resumption import Resumption
 from pushfric_core.bags.samples import pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, prior, save_model
 from pushfric_core.files.object_file import PRIOR_FILE, load_object
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.trajectories.trajectory import Trajectory
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstimate, Observation, PusherState
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.graph.graph import TOPICS

@@ -12,16 +12,11 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from pushfric_core import TABLE_1, Estimator, HalfPlanes, InvalidInput, Pose, PushedObject, PushingLine
 from pushfric_core.bags.samples import observation_from_msg, stamp_from_msg
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.estimation.region import HalfPlanes, line_of_motion
+from pushfric_core.estimation.region import line_of_motion
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.simulation import PushedObject
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,

@@ -14,13 +14,10 @@ from rosgraph_msgs.msg import Clock
 from stage import STAGE
 from std_srvs.srv import Trigger
 
+from pushfric_core import TABLE_1, InvalidInput, Pose, PushingLine
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
-from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
-from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.frames import TABLE
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, PlanProgress, PusherState
