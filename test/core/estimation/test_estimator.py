@@ -5,14 +5,11 @@ import pytest
 from problems import PROBLEMS, rows_of
 from scipy.optimize import nnls
 
-from pushfric_core import Constraint, ConstraintRows, Loss, functional_rows
-from pushfric_core.errors import UninformativePush
+from pushfric_core import Constraint, ConstraintRows, Loss, Observation, Status, UninformativePush, functional_rows
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.geometry.planar import Twist, rotation
 from pushfric_core.geometry.support import friction_directions
 from pushfric_core.program.constraints import Moment
-from pushfric_core.solvers.program import Status
-from pushfric_core.trajectories.observation import Observation
 
 
 def last_estimate(estimator, observations):

@@ -4,15 +4,10 @@ import numpy as np
 import pytest
 from problems import observations_of
 
-from pushfric_core.errors import UninformativePush
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core import Estimator, EstimatorConfig, Hypothesis, Observation, Outline, Recognizer, Support, UninformativePush
 from pushfric_core.estimation.online_estimation import OnlineEstimation
-from pushfric_core.estimation.recognition import Hypothesis, Recognizer
 from pushfric_core.estimation.region import HalfPlanes, line_of_motion
-from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Twist, velocity_at
-from pushfric_core.geometry.support import Support
-from pushfric_core.trajectories.observation import Observation
 
 BAR = Outline.rectangle(0.12, 0.06)
 TRUTH = Support([(-0.05, -0.02), (0.05, -0.02), (0.05, 0.02), (-0.05, 0.02)], [0.1, 0.2, 0.3, 0.4])

@@ -4,15 +4,9 @@ import numpy as np
 import pytest
 from problems import PROBLEMS, observations_of
 
-from pushfric_core.errors import UninformativePush
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core import TABLE_1, Estimator, EstimatorConfig, Outline, Pose, PushingLine, Support, Twist, UninformativePush
 from pushfric_core.estimation.push_plan import even_pushes, placement
 from pushfric_core.estimation.recognition import Hypothesis, Ranked, Recognizer
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Pose, Twist
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.simulation import PushedObject
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory

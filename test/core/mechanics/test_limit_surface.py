@@ -3,12 +3,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from pushfric_core.errors import SolverFailed, UninformativePush
+from pushfric_core import TABLE_1, SolverFailed, Support, Touch, UninformativePush
 from pushfric_core.geometry.contact import friction_cone
-from pushfric_core.geometry.outline import Touch
 from pushfric_core.geometry.planar import Twist, Wrench, cross, rotation, velocity_at
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics import limit_surface
 from pushfric_core.mechanics.limit_surface import Ellipsoid, LimitSurface, Measurement, separation
 from pushfric_core.mechanics.simulation import ContactMode, pushed_motion

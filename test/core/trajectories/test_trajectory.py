@@ -6,12 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.outline import Outline
+from pushfric_core import TABLE_1, Outline, PoseSample, PushedObject, PusherSample, PushingLine, Trajectory, TrajectoryConfig
 from pushfric_core.geometry.planar import Pose, Twist, compose, exp, inverse, transform
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.simulation import PushedObject
-from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory, TrajectoryConfig
 from pushfric_core.uncertainty.contact_friction import tip_at
 
 OUTLINE = Outline.rectangle(0.127, 0.064)
