@@ -30,7 +30,7 @@ import numpy as np
 import public_sets
 import rearranged
 from geometry_msgs.msg import Point, Vector3
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -67,7 +67,7 @@ from pushfric_core.pushers.grbl_protocol import parse_status
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import PusherError
 from pushfric_core.report.report import to_json
-from pushfric_core.vision.camera import Lens, load_camera, picture_from
+from pushfric_core.vision.camera import Camera, Lens, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points
 from pushfric_msgs.msg import FrictionModel, PlanarPose
@@ -295,11 +295,8 @@ def _recall(data: bytes, folder: pathlib.Path) -> None:
 
 
 def _model() -> bytes:
-    data = _observations()
-    estimator, known = Estimator(load_object(OBJECT_NAME).support_points), load_object(OBJECT_NAME)
-    for observation in data:
-        estimate = estimator.add(observation)
-    model = make_model(known, estimate, "a test", EstimatorSettings())
+    known = load_object(OBJECT_NAME)
+    model = make_model(known, Estimator(known.support_points).add(_observations()), "a test", EstimatorSettings())
     with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
         path = pathlib.Path(folder) / "model.yaml"
         save_model(model, path)
@@ -375,10 +372,10 @@ def _log() -> bytes:
 
 
 def _camera() -> bytes:
-    lens = "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}"
-    rest = "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}"
-    table = "table_homography: {rows: 3, cols: 3, data: [1000, 0, 320, 0, -1000, 240, 0, 0, 1]}"
-    return f"image_width: 640\nimage_height: 480\ncamera_name: camera\n{lens}\n{rest}\n{table}\n".encode()
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / "camera.yaml"
+        save_camera(Camera.looking_down(640, 480, (0.0, 0.0), 0.001), path)
+        return path.read_bytes()
 
 
 def _pictures() -> list[bytes]:
@@ -457,17 +454,8 @@ def _database() -> bytes:
 
 def _uncompressed_bag() -> bytes:
     """Several chunks, as `ros2 bag record` writes them."""
-    encode = encoder(TYPES["observation"])
-    stream = io.BytesIO()
-    writer = Writer(stream, chunk_size=4000, compression=CompressionType.NONE)
-    writer.start(profile="ros2")
-    schema = writer.register_schema(TYPES["observation"], "ros2msg", definition(TYPES["observation"]).encode())
-    channel = writer.register_channel("/cell/observation", "cdr", schema)
-    for stamp in range(20):
-        for observation in _observations():
-            writer.add_message(channel, stamp, encode(observation_to_msg(observation, OBJECT_NAME)), stamp)
-    writer.finish()
-    return stream.getvalue()
+    layout = rearranged.Layout(1, CompressionType.NONE, 4000, False, "libmcap 1.2", False, True, False)
+    return rearranged.files_of(list(Bag(DEMO).messages())[:80], 0, layout)[0]
 
 
 def _recover(path: pathlib.Path) -> None:
@@ -566,8 +554,7 @@ def _questions() -> list[bytes]:
 def _model_message() -> FrictionModel:
     pushed = load_object(OBJECT_NAME)
     estimator = Estimator(pushed.support_points)
-    for observation in _observations():
-        estimate = estimator.add(observation)
+    estimate = estimator.add(_observations())
     return friction_model_to_msg(pushed.name, pushed.outline, estimate, friction_model(estimate), estimator.verdict(estimate))
 
 

@@ -242,35 +242,6 @@ def test_the_death_of_what_starts_the_nodes_ends_the_run(running):
     assert running.nodes_alive() == {}
 
 
-def test_a_second_cell_of_the_same_name_is_refused(demo, tmp_path, monkeypatch):
-    """The first one stays until it is ended: on a busy machine, a demo may be over before another has begun."""
-    monkeypatch.syspath_prepend(ROOT)
-    from faults.cell_run import CellRun
-
-    bag, _, _ = demo
-    staying = [*PROGRAM, "replay", str(bag), "--rate", "10", "--headless", "--stay"]
-    with CellRun(staying, tmp_path) as first:
-        # the name is claimed after the process that starts the nodes has begun, and before the first node
-        first.wait_for(lambda: {*first.nodes_alive().values()} - {"fork_server"}, "the first node")
-        second = pushfric("demo", "--headless", "--bag", tmp_path / "second")
-        assert second.returncode == 2
-        assert "a cell named /cell is already running on ROS domain" in second.stderr
-        assert not (tmp_path / "second").exists()
-        assert not first.ended, first.output
-
-
-def test_a_node_without_state_is_started_again(running):
-    os.kill(running.pid_of("tracker"), signal.SIGKILL)
-    # the run reports a push that the tracker did not see, or whose first poses did not reach the estimator
-    missing = (
-        r"^error: (.*; )?(no observation came from push|.* observations? that the run|the live estimate missed messages|"
-        r"\d+ of 14 pushes were aborted)"
-    )
-    assert running.wait_for_end() == bool(re.search(missing, running.output, re.M)), running.output
-    assert "tracker was killed by SIGKILL; starting it again" in running.output
-    assert running.nodes_alive() == {}
-
-
 def test_an_estimator_that_is_killed_goes_on_from_the_bag(running, tmp_path):
     os.kill(running.pid_of("estimator"), signal.SIGKILL)
     # on a slow machine it may be away long enough that the push is aborted

@@ -156,28 +156,3 @@ def test_ctrl_c_is_quiet_after_any_time(seconds):
         said = early.communicate(timeout=120)
     # the shell that reads the first line of the script dies of the signal itself
     assert (early.returncode, *said) in ((130, "", ""), (-signal.SIGINT, "", ""))
-
-
-SWALLOWED = """
-import os, signal
-from pushfric_ros.commands import run
-
-class Swallowing:
-    def __del__(self):
-        os.kill(os.getpid(), signal.SIGINT)
-
-def load_cell(_):
-    Swallowing()
-    print("went on", flush=True)
-
-run.load_cell = load_cell
-import sys
-sys.argv[1:] = ["run", "none.yaml"]
-from pushfric_core.__main__ import main
-main()
-"""
-
-
-def test_ctrl_c_in_a_destructor_ends_the_command():
-    ended = subprocess.run([sys.executable, "-c", SWALLOWED], capture_output=True, text=True, timeout=60)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")

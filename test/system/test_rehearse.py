@@ -143,15 +143,6 @@ def test_an_arm_keeps_the_contract(driver, tmp_path, monkeypatch, capsys):
     assert "Traceback" not in (tmp_path / "log").read_text()
 
 
-def test_a_driver_whose_device_goes_on_alone_does_not_pass(slide, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(rehearse, "CONTRACT", tuple(fault for fault in CONTRACT if fault.name == "kill -9 of the actuator"))
-    monkeypatch.setattr(slide, "DEAD_MAN", 30.0)  # of the device; the actuator's process has its own
-    slide.Slide(str(tmp_path / "device")).start()
-    with pytest.raises(SystemExit):
-        rehearse_slide(tmp_path / "device")
-    assert "kill -9 of the actuator: it went too far" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [

@@ -180,21 +180,6 @@ def test_a_busy_domain_is_refused_before_the_set_up(workspace):
     assert not (workspace / ".venv").exists()
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--distro"], "usage: ./pushfric setup"),
-        (["--distro", "humble"], "usage: ./pushfric setup"),
-        (["--distro", "kilted"], "pushfric: a ROS 2 is sourced, and used; --distro is for a shell without one"),
-    ],
-)
-def test_a_distribution_that_cannot_be_had_is_refused(workspace, options, said):
-    done = subprocess.run([workspace / "pushfric", "setup", *options], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
-    assert done.stderr.startswith(said)
-    assert not (workspace / ".colcon").exists()
-
-
 def test_uv_is_told_what_pip_is_configured_to(script, tmp_path, monkeypatch):
     (tmp_path / "pip.conf").write_text(
         "[global]\nindex-url = https://own.example/simple\nfind-links =\n    /a\n    /b\ncert = /c.pem\n"

@@ -166,18 +166,3 @@ def drive_back_until(port: pathlib.Path, done: Callable[[], bool]) -> None:
         while not done():
             os.write(line, b"$J=G91G21X-90F6000\n")
             time.sleep(0.05)
-
-
-def test_what_cannot_be_simulated_is_one_line(cell):
-    markers = cell.read_text().replace('"calibration"', '"tracker": "fiducial", "fiducials": "markers.yaml", "calibration"')
-    (cell.parent / "markers.yaml").write_text("dictionary: DICT_4X4_50\nmarkers: []\n")
-    (cell.parent / "other.yaml").write_text(markers)
-    for path, options, error in (
-        (cell, ("--simulated", "--simulated-camera"), "give --simulated or --simulated-camera, not both"),
-        (cell, ("--simulated-camera",), "no serial port at"),
-        (cell.parent / "other.yaml", ("--simulated",), "a rendered camera shows an outline, expected camera.tracker contour"),
-    ):
-        ended = run(path, *options)
-        assert ended.returncode == 2, ended.stderr
-        assert error in ended.stderr.strip().splitlines()[-1]
-        assert not (cell.parent / "bag").exists()

@@ -68,7 +68,7 @@ def test_what_a_lost_sector_takes_along_is_known_to_the_message(copy, tmp_path):
     content, original = mcap_of(copy).read_bytes(), messages_of(copy)
     sectors = range(-(-len(content) // SECTOR))
     saved = []
-    for number in (0, 1, *sectors[2:-3:6], *sectors[-3:]):
+    for number in (0, 1, *sectors[2:-3:12], *sectors[-3:]):
         zero_sector(copy, number, content)
         bag = Bag(copy)
         assert bag.damage is not None, f"sector {number}"
@@ -494,10 +494,9 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
 
 
-@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4])
-def test_large_chunks_of_one_time_are_read_one_after_the_other(tmp_path, compression):
+def test_large_chunks_of_one_time_are_read_one_after_the_other(tmp_path):
     path = tmp_path / "heavy.mcap"
-    heavy(path, 4, compression, 0)
+    heavy(path, 4, CompressionType.LZ4, 0)
     run = subprocess.run([sys.executable, "-c", MEASURED, str(path)], capture_output=True, text=True, check=True, timeout=300)
     messages, kilobytes = map(int, run.stdout.split())
     assert messages == 40

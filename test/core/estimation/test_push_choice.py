@@ -27,10 +27,6 @@ def test_edges_that_no_straight_push_reaches_are_left_out():
     assert {0, 1, 2, 6, 10, 11} >= edges >= {0, 1, 11}
 
 
-def best_order(pushes):
-    return [(push.edge % 2, abs(round(push.offset, 4))) for push in pushes]
-
-
 def test_a_plan_predicts_the_mean_area_it_leaves(rng):
     """The prediction is compared with the regions that noiseless outcomes leave for p_CF at many places."""
     plan = planned_pushes(HalfPlanes(ELL, margin=0.003), 5)

@@ -81,7 +81,7 @@ def check_sums(ledger, received):
             assert account.open == 0, (kind, account)
 
 
-@settings(derandomize=True, max_examples=150, deadline=None)
+@settings(derandomize=True, max_examples=80, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
     wild=st.lists(
@@ -132,10 +132,10 @@ def test_a_stream_returns_stamps_in_order_and_counts_all(stamps, distinct):
 
 
 @pytest.mark.parametrize("which", range(3))
-@pytest.mark.parametrize("offset", [-DAY, -3600 * SECOND, 2 * SECOND, 3600 * SECOND, DAY])
+@pytest.mark.parametrize("offset", [-DAY, 2 * SECOND, 3600 * SECOND])
 def test_a_wild_stamp_costs_one_sample(which, offset):
     """Ahead or behind, in whatever stream, wherever: what comes of it is what would come if this sample were missing."""
-    for at in (0, 1, 2, 10, 34, 35, 100, COUNT - 1):
+    for at in (0, 2, 34, 100, COUNT - 1):
         lists = streams()
         wild = lists[which][at]._replace(stamp=lists[which][at].stamp + offset)
         lists[which][at] = wild
@@ -152,7 +152,7 @@ def test_a_wild_stamp_costs_one_sample(which, offset):
             assert len(ledger.events) == 1
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_several_wild_stamps_cost_as_many_samples(seed):
     rng, lists = np.random.default_rng(seed), streams()
     kept = [list(samples) for samples in lists]
