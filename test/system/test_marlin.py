@@ -1,9 +1,6 @@
 """The example of a driver for a line protocol, on a line that can fail, with simulated firmware."""
 
 import contextlib
-import functools
-import operator
-import re
 import time
 from collections.abc import Callable, Iterator
 from typing import ClassVar
@@ -68,28 +65,6 @@ def stage() -> Iterator[Stage]:
 def stage_of(**options) -> Iterator[Stage]:
     with SimulatedMarlin(time.monotonic, **options) as controller, FaultyLine(controller.port) as line:
         yield Stage(controller, line)
-
-
-@pytest.mark.parametrize("axis", ["X", "-X"])
-def test_a_stroke_ends_where_it_was_sent(stage: Stage, axis: str) -> None:
-    with contextlib.closing(stage.driver(axis=axis)) as pusher:
-        reports = stage.push(pusher)
-        assert abs(stage.controller.position()) == pytest.approx(FAR, abs=STEP)
-        assert reports[-1].position == pytest.approx(FAR, abs=ROUNDED)
-        assert max(report.speed for report in reports) <= 1.05 * SPEED  # positions are rounded
-        stage.push(pusher, 0.0, 0.05)
-        assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
-
-
-def test_every_line_of_a_stroke_has_a_number_and_a_checksum(stage: Stage) -> None:
-    with contextlib.closing(stage.driver()) as pusher:
-        stage.push(pusher)
-    numbers = []
-    for text, number, checksum in re.findall(rb"(N(\d+) G\d[^*\n]*)\*(\d+)\n", stage.sent):
-        assert functools.reduce(operator.xor, text) == int(checksum)
-        numbers.append(int(number))
-    assert numbers == sorted(set(numbers))
-    assert not re.search(rb"^G\d", stage.sent, re.MULTILINE)
 
 
 def test_a_stop_is_immediate_and_keeps_the_position(stage: Stage) -> None:

@@ -11,7 +11,6 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
@@ -196,40 +195,6 @@ def test_the_mcap_file_is_laid_out_as_rosbag2_does(cell_bag):
     assert yaml.safe_load(record.metadata["serialized_metadata"]) == information
 
 
-def test_metadata_is_that_of_version_9(cell_bag):
-    written = (cell_bag[0] / "metadata.yaml").read_text()
-    assert "&id" not in written  # rosbag2 writes no YAML aliases
-    information = yaml.safe_load(written)["rosbag2_bagfile_information"]
-    assert information["version"] == 9
-    assert information["storage_identifier"] == "mcap"
-    assert information["relative_file_paths"] == ["cell_0.mcap"]
-    assert information["message_count"] == 10
-    assert information["duration"] == {"nanoseconds": 9}
-    infinite = {"sec": 9223372036, "nsec": 854775807}
-    assert information["topics_with_message_count"][0] == {
-        "topic_metadata": {
-            "name": "/cell/observation",
-            "type": OBSERVATION,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": [
-                {
-                    "history": "keep_last",
-                    "depth": RELIABLE.depth,
-                    "reliability": "reliable",
-                    "durability": "volatile",
-                    "deadline": infinite,
-                    "lifespan": infinite,
-                    "liveliness": "system_default",
-                    "liveliness_lease_duration": infinite,
-                    "avoid_ros_namespace_conventions": False,
-                }
-            ],
-            "type_description_hash": message_types.type_hash(OBSERVATION),
-        },
-        "message_count": 5,
-    }
-
-
 @pytest.mark.parametrize("compression", [None, *CompressionMode])
 @pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 def test_other_storages_and_compressed_bags_are_read(tmp_path, storage, compression):
@@ -252,31 +217,6 @@ def test_other_storages_and_compressed_bags_are_read(tmp_path, storage, compress
     assert texts == [(5, "from elsewhere at 5"), (7, "from elsewhere at 7")]
     assert recover(tmp_path / "bag", tmp_path / "out").summary.message_count == 2
     assert [(m.log_time_ns, content(m).data) for m in Bag(tmp_path / "out").messages()] == texts
-
-
-@pytest.mark.parametrize("version", [8, 9])
-def test_a_bag_of_another_writer_is_read(tmp_path, version):
-    """Version 8 has the policies as numbers."""
-    qos = Qos(
-        QosHistory.KEEP_LAST, 7, QosReliability.BEST_EFFORT, QosDurability.TRANSIENT_LOCAL,
-        QosTime(9223372036, 854775807), QosTime(9223372036, 854775807), QosLiveliness.AUTOMATIC,
-        QosTime(9223372036, 854775807), False,
-    )  # fmt: skip
-    store = get_typestore(Stores.ROS2_JAZZY)
-    message = store.types["std_msgs/msg/String"](data="from elsewhere")
-    with RosbagsWriter(tmp_path / "bag", version=version, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection("/text", STRING, typestore=store, offered_qos_profiles=[qos])
-        for stamp in (5, 7):
-            writer.write(connection, stamp, store.serialize_cdr(message, STRING))
-    assert [(m.log_time_ns, content(m).data) for m in Bag(tmp_path / "bag").messages()] == [
-        (5, "from elsewhere"),
-        (7, "from elsewhere"),
-    ]
-    (topic,) = Bag(tmp_path / "bag").summary.topics
-    assert topic.qos_profiles[0].depth == 7
-    assert topic.qos_profiles[0].reliability == "best_effort"
-    assert topic.qos_profiles[0].durability == "transient_local"
-    assert recorded_class(topic) is String
 
 
 @pytest.mark.parametrize(

@@ -91,22 +91,6 @@ def test_files_that_cannot_be_are_refused(tmp_path):
         yaml_content(pathlib.Path("/dev/zero"))
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        "outline: [[0, 0], [1e200, 0], [0, 1]]",
-        "outline: [[0, 0], [0.1, 0], [0, 0.1]]\nsupport: {grid: [100000, 100000]}",
-        "outline: [[0, 0], [0.1, 0], [0, 0.1]]\nsupport: {spacing: 1.0e-9}",
-        "outline: [[0, 0], [0.1, 0], [0, 0.1]]\nsupport: {points: [[1.0e+200, 0]]}",
-    ],
-)
-def test_an_object_of_impossible_size_is_refused(tmp_path, content):
-    path = tmp_path / "object.yaml"
-    path.write_text(f"name: plate\n{content}\n")
-    with pytest.raises(InvalidInput, match=r"object\.yaml: "):
-        load_object(str(path))
-
-
 # --- messages ---
 
 

@@ -78,13 +78,11 @@ def test_all_that_a_data_point_brings_is_kept(tmp_path):
     [
         ({"w": [1.0]}, "expected w of 21 weights with sum 1, got 1"),
         ({"format": 2}, "expected a model of format 1, got format 2"),
-        ({"misfit": -1}, "misfit: expected at least 0"),
         ({"ensemble": [{"w": [1.0], "mu_c": 0.3, "weight": 1.0}]}, r"expected ensemble.0.w of 21 weights"),
         (
             {"object": ObjectFile(name="x", outline=FILE.outline).model_dump(mode="json")},
             "expected the support of the object as",
         ),
-        ({"colour": "red"}, "expected any of the keys format, object"),
         (
             {"data_points": [{"contact": [1, 1], "normal": [1, 0], "twist": [1, 0, 0], "push_id": 0}]},
             "within 5 mm of the outline",

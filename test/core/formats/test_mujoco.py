@@ -5,12 +5,10 @@ import re
 import mujoco
 import numpy as np
 import pytest
-import shapely
-from exported import OBJECTS, even
+from exported import OBJECTS
 
 from bench.simulators import distances, pushed, strokes
-from pushfric_core import Outline, Pose, PushingLine, export
-from pushfric_core.formats.body import GRAVITY, Body, load_of
+from pushfric_core import Pose, PushingLine, export
 
 TIP = 0.005
 
@@ -58,16 +56,3 @@ def test_feet_bear_the_weights_of_the_support():
     for k, force in enumerate(forces):
         mujoco.mj_contactForce(loaded, data, k, force)
     assert forces[:, 0] == pytest.approx(0.4 * 9.81 / 3, rel=1e-4)
-
-
-def test_an_outline_as_a_camera_measures_it_is_loaded(rng):
-    angles = np.linspace(0, 2 * np.pi, 120, endpoint=False)
-    dents = np.where(np.abs(angles - 2) < 0.3, 0.8, 1.0)  # a notch besides the noise
-    radii = 0.05 * dents + rng.normal(0, 5e-5, 120)
-    outline, model = even(Outline(np.column_stack((radii * np.cos(angles), radii * np.sin(angles)))), 0.3)
-    (scene,) = export(model, outline, "mjcf").values()
-    loaded = mujoco.MjModel.from_xml_string(scene)
-    pieces = Body("notched", outline, model, load_of(None, None, GRAVITY, None)).pieces
-    assert loaded.nmesh == len(pieces) > 1
-    union = shapely.union_all([shapely.Polygon(piece) for piece in pieces])
-    assert union.symmetric_difference(outline.polygon).area < 2e-3 * outline.polygon.area

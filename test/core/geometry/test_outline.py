@@ -34,7 +34,6 @@ def test_distance_to_the_outline_is_positive_inside_too():
     ("vertices", "text"),
     [
         (((0, 0), (1, 0)), "at least 3 vertices"),
-        (((0, 0), (1, 0), (2, 0)), "simple polygon with an area"),
         (((0, 0), (1, 1), (1, 0), (0, 1)), "simple polygon with an area: Self-intersection"),
         (((0, 0), (1, 0), (np.nan, 1)), "must be finite"),
     ],

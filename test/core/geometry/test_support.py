@@ -47,7 +47,6 @@ def test_bad_support_points_are_refused(points, text):
         ((0.5, 0.6), "sum of 1.1"),
         ((-0.5, 1.5), "nonnegative"),
         ((1.0,), r"shape \(2,\)"),
-        ((np.nan, 1.0), "nonnegative"),
     ],
 )
 def test_bad_weights_are_refused(weights, text):

@@ -147,7 +147,6 @@ def test_a_contact_seen_to_leave_the_pusher_counts_as_unexplained():
     [
         ({"w": (0.5, 0.5)}, r"w must have shape \(s, 2\)"),
         ({"w": ((0.5, 0.4),)}, "the sum of each sample 1"),
-        ({"mu_c": (-1.0,)}, "mu_c must be at least 0"),
         ({"share": (0.5,)}, "share must have shape"),
         ({"misfit": -0.1}, "misfit must lie in"),
     ],

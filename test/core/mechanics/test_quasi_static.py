@@ -121,12 +121,8 @@ def test_wrong_arguments_are_named(rng):
         motions(ROD, ((0.5, 0.6),), (0.3,), ((0, 0),), ((0, -1),), ((0, 1),))
     with pytest.raises(ValueError, match="mu_c must be at least 0"):
         motions(ROD, HALVES, (-0.1,), ((0, 0),), ((0, -1),), ((0, 1),))
-    with pytest.raises(ValueError, match="must be finite"):
-        motions(ROD, HALVES, (0.1,), ((0, np.nan),), ((0, -1),), ((0, 1),))
     with pytest.raises(ValueError, match="must have the same length"):
         motions(ROD, HALVES, (0.1,), ((0, 0), (0, 0)), ((0, -1),), ((0, 1),))
-    with pytest.raises(ValueError, match=r"must have shape \(k, 2\)"):
-        motions(ROD, HALVES, (0.1,), (0, 0), ((0, -1),), ((0, 1),))
     with pytest.raises(ValueError, match="twist of zero"):
         holding_margins(ROD, HALVES, (0.1,), ((0, 0),), ((0, -1),), (0.1,), ((0, 0, 0),), 1.0)
     with pytest.raises(ValueError, match=r"\(k, 2\), \(k, 2\), \(k,\) and \(k, 3\)"):

@@ -9,8 +9,7 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient
 
 from pushfric_core.cell.node_settings import ViewConfig
-from pushfric_core.errors import InvalidInput
-from pushfric_core.pages.clicked_points import MOST, ClickedPoints
+from pushfric_core.pages.clicked_points import ClickedPoints
 from pushfric_core.pages.picture_server import PNG, PictureServer
 from pushfric_core.report.report import to_json
 from pushfric_core.vision.camera import Camera, Lens
@@ -66,29 +65,6 @@ def test_points_that_give_no_table_are_refused_in_one_line(body, problem):
     assert problem in points.problem
     assert "\n" not in points.problem
     assert points.figures()["fit"] is None
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        b"",
-        b"{}",
-        b"[[1, 2, 3]]",
-        b'[[1, 2, "x", 0]]',
-        b"[[1, 2, NaN, 0]]",
-        b"[[1, 2, 1e300, 0]]",
-        b"[[1e9, 2, 0, 0]]",
-        b"[" * 5000,
-        json.dumps([[0, 0, 0, 0]] * (MOST + 1)).encode(),
-    ],
-)
-def test_what_is_no_list_of_points_changes_nothing(body):
-    points = ClickedPoints(LENS, TARGET, [])
-    points.take(clicked(PLACES))
-    with pytest.raises(InvalidInput, match=r"^expected at most 100 points \[u, v, x, y\]: .") as raised:
-        points.take(body)
-    assert "\n" not in str(raised.value)
-    assert points.found is not None
 
 
 @pytest.fixture

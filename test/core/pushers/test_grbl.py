@@ -374,35 +374,6 @@ def test_a_move_is_a_jog_that_trusts_no_modal_state_and_no_override(peer):
     assert report_now(pusher, peer) == (pytest.approx(0.0015), 0.0, Mode.IDLE, 5)
 
 
-def test_a_long_move_is_sent_in_pieces_as_the_reports_show_room_for_them(peer):
-    """The driver is never more than 0.25 s and the braking ahead of the last report, and errors do not add up at the end."""
-    pusher = connect(peer)
-    peer.heard = b""
-    pusher.move_to(0.025, 0.02)
-    ends: list[float] = []
-    while not ends or ends[-1] < 25.0:
-        before = len(ends)
-
-        def sent(before=before) -> bool:
-            ends[:] = [float(x) for x in re.findall(rb"\$J=G21G90X([\d.]+)F1200\.000\n", peer.heard)]
-            return len(ends) > before and pusher._pending is None
-
-        drive(pusher, sent, peer)
-        seen = pusher._statuses
-        drive(pusher, lambda seen=seen: pusher._statuses > seen + 3, peer)  # none more comes while nothing moves on
-        sent(before)
-        here = pusher._last.position * 1e3
-        assert ends[-1] - here <= 0.25 * 20 + 20**2 / 500 / 2 + 1e-9
-        peer.status = f"<Jog|MPos:{min(ends[-1], here + 1.7):.3f},0.000,0.000|FS:1200,0>"
-    assert ends == [pytest.approx(25 * i / len(ends), abs=5e-4) for i in range(1, len(ends) + 1)]
-    while (here := pusher._last.position * 1e3) < 25.0:
-        peer.status = f"<Jog|MPos:{min(25.0, here + 1.0):.3f},0.000,0.000|FS:1200,0>"
-        drive(pusher, lambda here=here: pusher._last.position * 1e3 > here, peer)
-    peer.status = "<Idle|MPos:25.000,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert ends[-1] == 25.0
-
-
 def test_a_piece_that_came_too_late_to_be_a_jog_is_sent_again(peer):
     """At the very end of the jog before, GRBL runs a piece as a line, and takes no jog until it is done."""
     pusher = connect(peer)

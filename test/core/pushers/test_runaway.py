@@ -689,22 +689,6 @@ def test_a_restart_in_the_middle_of_a_report_is_heard(stage):
     stage.fails(pusher, NotConnected, "restarted")
 
 
-def test_an_echo_of_all_that_is_sent_disturbs_nothing(stage):
-    """The echo may come in the middle of a report or an answer."""
-
-    def echoed(data: bytes) -> bytes:
-        stage.line.tell_host(data)
-        return data
-
-    stage.line.to_controller = echoed
-    stage.line.to_host = lambda data: data.replace(b"ok", b"o?k").replace(b"MPos:", b"MP?os:")
-    pusher = stage.driver()
-    pusher.move_to(0.01, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
-    assert stage.controller.position() == pytest.approx(0.01, abs=1e-9)
-    assert pusher.dropped == 0
-
-
 def test_what_is_plausible():
     plausibility = Plausibility()
     assert plausibility.judge(0.01, 0.0, 0.01, SPEED, 0.1, 0.1) == (True, None)

@@ -61,25 +61,6 @@ def test_the_histogram_counts_every_lower_bound_and_marks_p90_and_max(drawn, est
     assert labels(axes)[:2] == [f"90 %: {last.mu_c_p90:.2f}", f"100 %: {last.mu_c_max:.2f}"]
 
 
-@pytest.mark.parametrize("truth", [KNOWN, None])
-def test_no_curve_is_clipped_and_the_spread_is_drawn(drawn, estimates, tmp_path, truth):
-    assert estimates[-1].spread is not None
-    summary_figure(tmp_path / "figure.png", KNOWN.outline, estimates, DATA, truth)
-    axes = panel(drawn[0], "p_{CF}" if truth else "Centre of friction")
-    low, high = axes.get_ylim()
-    for line in axes.lines:
-        values = line.get_ydata()[np.isfinite(line.get_ydata())]
-        assert (values >= low).all()
-        assert (values <= high).all()
-    assert len(axes.collections) == (0 if truth else 2)
-    friction = panel(drawn[0], "Support friction")
-    (ellipse,) = friction.patches
-    # the ellipse reaches as far along x and y as the covariance says
-    corners = friction.transData.inverted().transform(ellipse.get_verts()) - ellipse.get_center()
-    half = 1e3 * np.sqrt(-2 * np.log(0.1) * np.diag(estimates[-1].spread.covariance))
-    np.testing.assert_allclose(np.abs(corners).max(axis=0), half, rtol=0.02)
-
-
 def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):
     data = DATA[0]
     pull = data.__class__(data.contact_point, tuple(-n for n in data.contact_normal), data.twist)

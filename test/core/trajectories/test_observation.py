@@ -4,7 +4,7 @@ import math
 import numpy as np
 import pytest
 
-from pushfric_core import Observation, Pose, Twist, UninformativePush
+from pushfric_core import Observation, Twist, UninformativePush
 
 GOOD = Observation((0.05, 0.0), (1.0, 0.0), Twist(-0.02, 0.0, 0.1))
 
@@ -14,20 +14,12 @@ GOOD = Observation((0.05, 0.0), (1.0, 0.0), Twist(-0.02, 0.0, 0.1))
     [
         ({"contact_point": (math.nan, 0.0)}, "contact_point must be finite"),
         ({"contact_point": (0.0, 0.0, 0.0)}, r"contact_point must be two numbers, got \(0.0, 0.0, 0.0\)"),
-        ({"contact_point": 0.05}, "contact_point must be two numbers, got 0.05"),
-        ({"contact_normal": ("x", 0.0)}, "contact_normal must be two numbers"),
-        ({"force": (1.0,)}, "force must be two numbers"),
         ({"twist": (0.0, 0.02, 0.1)}, r"twist must be a Twist\(vx, vy, omega\), got \(0.0, 0.02, 0.1\)"),
         ({"pose": (0.0, 0.0, 0.0)}, r"pose must be a Pose\(x, y, theta\) or None, got \(0.0, 0.0, 0.0\)"),
         ({"push_id": 1.5}, "push_id must be an integer, got 1.5"),
-        ({"stamp": None}, "stamp must be an integer, got None"),
         ({"contact_normal": (0.9, 0.0)}, r"contact_normal must have length 1, got \(0.9, 0.0\) of length 0.9"),
-        ({"contact_normal": (math.inf, 0.0)}, "contact_normal must be finite"),
         ({"twist": Twist(0.0, math.inf, 0.0)}, "twist must be finite"),
-        ({"pose": Pose(0.0, 0.0, math.nan)}, "pose must be finite"),
-        ({"force": (math.nan, 0.0)}, "force must be finite"),
         ({"half_width": -0.001}, "half_width must be at least 0"),
-        ({"half_width": math.nan}, "half_width must be at least 0"),
         ({"duration": -1.0}, "duration must be at least 0"),
     ],
 )

@@ -7,7 +7,6 @@ from scipy.optimize import linprog
 
 from pushfric_core import ConstraintRows, Estimator, EstimatorConfig, Observation, Twist
 from pushfric_core.solvers import empty_program
-from pushfric_core.solvers.simplex import Simplex
 from pushfric_core.uncertainty.reasons import ReasonCode
 from pushfric_core.uncertainty.spread import DIRECTIONS, ELLIPSE, FEWEST_PUSHES
 
@@ -78,23 +77,6 @@ def test_extremes_of_many_data_points_lie_beyond_the_first_ball(monkeypatch):
     rise = 0.02 * optimum.objective
     for tilt, w in zip(tilts, program.extremes(tilts, rise), strict=True):
         assert tilt @ w == pytest.approx(highest(program.rows(), tilt, optimum.objective + rise), abs=1e-8)
-
-
-def test_a_measurement_that_fails_is_not_tried_again_with_each_data_point(monkeypatch):
-    """It takes long where it fails: the walks are as long as they may be."""
-    data, measured = noisy(np.random.default_rng(0), 0.1, pushes=40), []
-    found = Simplex.extremes
-
-    def count(program, tilts, rise):
-        measured.append(len(tilts))
-        return found(program, tilts, rise)
-
-    monkeypatch.setattr(Simplex, "extremes", count)
-    assert last(data)[1].spread is not None
-    often = len(measured)
-    monkeypatch.setattr("pushfric_core.solvers.simplex.SHORTEST_CAP", -(10**9))
-    assert last(data)[1].spread is None
-    assert len(measured) == 2 * often
 
 
 def test_the_ellipse_holds_the_truth_about_as_often_as_it_says():

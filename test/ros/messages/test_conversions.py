@@ -7,16 +7,13 @@ from geometry_msgs.msg import Quaternion
 from problems import four_feet
 from rclpy.serialization import deserialize_message, serialize_message
 
-from pushfric_core import Estimator, HalfPlanes, Observation, Outline, Pose, Twist, next_pushes
+from pushfric_core import Estimator, Observation, Pose, Twist
 from pushfric_core.bags import constants, message_types, samples
 from pushfric_core.estimation.estimate_report import EstimateReport
-from pushfric_core.estimation.push_plan import PlannedPush
-from pushfric_core.estimation.region import HalfPlane
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_msgs.msg import (
-    CenterOfFrictionRegion,
     ContactFriction,
     FrictionEstimate,
     ObjectChange,
@@ -141,35 +138,6 @@ def test_the_message_has_the_histogram_and_the_slipping_pushes():
     assert list(friction.slipping) == [f(estimate.contact_friction[[3, 4, 7]]) for f in (min, max)]
     assert not conversions.estimate_to_msg(EstimateReport.of(estimate, "box")).contact_friction.slipping
     assert not conversions.estimate_to_msg(EstimateReport.of(estimate, "box", [False] * 40)).contact_friction.slipping
-
-
-def region_msg(half_planes):
-    region, slips = half_planes.region(), [PlannedPush(2, 0.01, 0.96)]
-    msg = conversions.region_to_msg(region, next_pushes(half_planes), slips, 5, "plate")
-    return deserialize_message(serialize_message(msg), CenterOfFrictionRegion)
-
-
-def test_a_region_becomes_a_message():
-    half_planes = HalfPlanes(Outline.rectangle(0.12, 0.06))
-    half_planes.add([HalfPlane((-1.0, 0.0), 0.02)])  # x <= -20 mm
-    msg = region_msg(half_planes)
-    assert (msg.object, msg.collapsed, msg.violation) == ("plate", False, 0.0)
-    for header in (msg.header, msg.polygon.header):
-        assert (header.frame_id, samples.stamp_from_msg(header.stamp)) == (conversions.OBJECT, 5)
-    assert msg.area == pytest.approx(0.04 * 0.06)
-    corners = np.array([(point.x, point.y) for point in msg.polygon.polygon.points])
-    assert np.ptp(corners, axis=0) == pytest.approx((0.04, 0.06))
-    assert (msg.center_of_friction.x, msg.center_of_friction.y) == pytest.approx((-0.04, 0.0), abs=1e-9)
-    # across the longer side first
-    assert [(push.edge, push.offset, push.angle) for push in msg.next_pushes] == [
-        (1, 0, 0),
-        (3, 0, 0),
-        (0, -0.04, 0),
-        (2, 0.04, 0),
-    ]
-    assert [push.expected_area for push in msg.next_pushes] == pytest.approx([0.04 * 0.03] * 4)
-    ((edge, offset, angle, area),) = [(one.edge, one.offset, one.angle, one.expected_area) for one in msg.slip_pushes]
-    assert (edge, offset, angle, area) == (2, 0.01, 0.96, msg.area)
 
 
 def test_pushfric_core_knows_every_type_of_the_cell_as_it_is_installed():

@@ -9,12 +9,10 @@ from xml.etree import ElementTree
 
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
-from sensor_msgs.msg import Image
 
 from pushfric_core.cell.node_settings import Discovery
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.network import FILE_VARIABLES, IMAGES, RANGE, VARIABLES, asked_for, configured
-from pushfric_ros.node_kit.qos import SENSOR_QUEUE
 
 pytestmark = pytest.mark.skipif(
     not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="other middlewares have other settings"
@@ -165,22 +163,6 @@ def test_every_process_announces_itself_often_at_first(unset, monkeypatch, range
 def segments() -> list[int]:
     """Sizes [bytes] of the segments that the middleware maps in a process that publishes images."""
     return json.loads(subprocess.run([sys.executable, "-c", SEGMENTS], capture_output=True, check=True, timeout=120).stdout)
-
-
-def test_ten_colour_images_in_a_burst_arrive(ros, unset):
-    """The default segment is too small for a single image."""
-    heard: list[int] = []
-    viewer = ros.node("viewer")
-    images = viewer.create_subscription(Image, "/image", lambda msg: heard.append(msg.header.stamp.sec), SENSOR_QUEUE)
-    camera = subprocess.Popen([sys.executable, "-c", CAMERA], stdin=subprocess.PIPE)
-    try:
-        ros.wait_for(images.get_publisher_count, timeout=120, what="the camera")
-        camera.stdin.write(b"\n")
-        camera.stdin.flush()
-        ros.wait_for(lambda: len(heard) == 10, timeout=120, what="ten images")
-    finally:
-        camera.communicate(timeout=120)
-    assert heard == list(range(10))
 
 
 @pytest.mark.parametrize(

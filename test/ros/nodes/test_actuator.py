@@ -806,13 +806,6 @@ print(result.result().result.outcome, result.result().result.message, states[-1]
     [
         ({}, "port must be given: serial port of the controller$"),
         ({"port": "/dev/x", "line_origin": None}, "actuator: parameter line_origin must be given: centre of the round tip"),
-        ({"port": ""}, "port must name the serial port of the controller, got ''"),
-        ({"port": "/dev/x", "line_direction": [0.0, 0.0]}, r"line_direction must have a length, got \(0, 0\)"),
-        (
-            {"port": "/dev/x", "line_origin": [0.0]},
-            r"line_origin must be a list of 2 finite numbers, got \[0.0\]$",
-        ),
-        ({"port": "/dev/x", "axis": "Q"}, "axis must be X, Y, Z, A, B or C, .*got 'Q'"),
         ({"port": "/dev/x", "stroke": 0.0}, r"parameter stroke must lie in \[0.001, 10.0\], got 0.0$"),
         (
             {"port": "/dev/x", "driver": "crane"},
