@@ -17,16 +17,6 @@ def chosen(ranked):
     return [(one.push.edge, one.push.offset, one.push.angle) for one in ranked]
 
 
-def test_edges_that_no_straight_push_reaches_are_left_out():
-    """The slot of a keyhole: from outside, pushes along x meet its outer sides only."""
-    keyhole = Outline(
-        0.01 * np.array(((0, 0), (10, 0), (10, 10), (6, 10), (6, 8), (9, 8), (9, 4), (1, 4), (1, 8), (4, 8), (4, 10), (0, 10)))
-    )
-    edges = {one.push.edge for one in next_pushes(HalfPlanes(keyhole))}
-    assert edges.isdisjoint({3, 4, 5, 7, 8, 9})
-    assert {0, 1, 2, 6, 10, 11} >= edges >= {0, 1, 11}
-
-
 def test_a_plan_predicts_the_mean_area_it_leaves(rng):
     """The prediction is compared with the regions that noiseless outcomes leave for p_CF at many places."""
     plan = planned_pushes(HalfPlanes(ELL, margin=0.003), 5)

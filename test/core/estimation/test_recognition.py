@@ -88,18 +88,6 @@ def test_the_true_center_of_friction_fits_best(shape):
         assert all(ranked.feasible for ranked in ranking.hypotheses)
 
 
-def test_the_true_orientation_of_wood_rect3_fits_best():
-    true_paths = paths("wood_rect3")
-    for half_width in (0.0, 0.008):
-        for seed in range(2):
-            data = filmed("wood_rect3", true_paths, np.random.default_rng(seed))
-            for cor_radius in (None, 0.0):
-                config = EstimatorConfig(half_width=half_width, cor_radius=cor_radius)
-                ranking = last_ranking(Recognizer(orientations("wood_rect3", (0, 180)), config), data)
-                assert ranking.best == "0", (half_width, seed, cor_radius)
-                assert ranking.hypotheses[1].ratio > 1.3
-
-
 def test_fit_errors_are_those_of_an_estimator_for_each_hypothesis(rng):
     problem = PROBLEMS[0]()
     data = [seen(observation, rng) for observation in problem.observations]
@@ -130,17 +118,6 @@ def test_an_infeasible_hypothesis_ranks_last_and_says_why():
     alone = Recognizer([outside]).add(problem.observations[0])
     assert alone.best is None
     assert not alone.hypotheses[0].feasible
-
-
-def test_compared_with_a_hypothesis_without_error_others_are_infinitely_worse():
-    pushed = Observation((0.0, -0.05), (0.0, -1.0), Twist(0.0, 0.02, 0.0), stamp=7)  # translates: p_CF is on the line x = 0
-    rod = np.array(((-0.03, 0.0), (0.03, 0.0)))
-    ranking = Recognizer([Hypothesis("off", rod, np.array((0.01, 0.0))), Hypothesis("on", rod)]).add(pushed)
-    assert [ranked.name for ranked in ranking.hypotheses] == ["on", "off"]
-    assert [ranked.ratio for ranked in ranking.hypotheses] == [1, np.inf]
-    assert ranking.hypotheses[1].fit_error == pytest.approx(0.01)
-    assert ranking.hypotheses[1].feasible
-    assert ranking.stamp == 7
 
 
 def test_a_data_point_that_one_hypothesis_refuses_reaches_no_other():

@@ -231,11 +231,3 @@ def test_points_beyond_reason_are_refused(tmp_path):
         read_points(path)
     with pytest.raises(ValueError, match="an outline must be at most 3 m long and wide, got 1e"):
         Outline(np.array(((0, 0), (HUGE, 0), (0, HUGE))))
-
-
-def test_push_ids_beyond_a_message_are_refused(tmp_path):
-    path = tmp_path / "push_points.csv"
-    for push in ("1000000000000", "-1"):
-        path.write_text(f"{','.join(zhou2015.COLUMNS)}\ncut,cut__exp.txt,{push},10,0,0,-1,1,2,0.01,0.1,0.2\n")
-        with pytest.raises(InvalidInput, match="line 2: push must lie in"):
-            zhou2015.read_push_points(path)

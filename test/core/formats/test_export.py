@@ -12,7 +12,7 @@ import yaml
 from calls import printed
 from exported import OBJECTS
 
-from pushfric_core import Estimator, FrictionModel, InvalidInput, Observation, Support, Twist, export
+from pushfric_core import Estimator, InvalidInput, Observation, Support, Twist, export
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object
@@ -41,16 +41,6 @@ def test_a_few_feet_slide_like_the_support(name):
     assert feet.support.center_of_friction == pytest.approx(support.center_of_friction, abs=1e-5)
     assert feet.error.load <= TOLERANCE.load
     assert feet.error.twist <= TOLERANCE.twist
-
-
-def test_so_few_supports_that_each_is_a_foot():
-    support = OBJECTS["wood_rect3"][1].support
-    feet = few_feet(support).support
-    order = np.lexsort(feet.points.T), np.lexsort(support.points.T)
-    assert feet.points[order[0]] == pytest.approx(support.points[order[1]])
-    assert feet.weights == pytest.approx(1 / 3)
-    single = few_feet(Support([(0.0, 0.0), (0.01, 0.02)], [0.0, 1.0]))
-    assert single.support.points.tolist() == [[0.01, 0.02]]
 
 
 def test_a_support_that_bears_nearly_all_on_one_point_stands_for_itself():
@@ -128,15 +118,6 @@ def test_what_makes_no_sense_is_refused(options, expected):
     outline, model = OBJECTS["wood_rect4"]
     with pytest.raises(ValueError, match=expected):
         export(model, outline, **{"to": "mjcf", **options})
-
-
-def test_samples_are_drawn_in_proportion_to_their_weights():
-    points = [(-0.05, 0.0), (0.05, 0.0)]
-    model = FrictionModel(points, [(0.5, 0.5), (0.2, 0.8), (0.8, 0.2)], [0.1, 0.2, 0.3], [0.5, 0.25, 0.25])
-    assert [one.mean_mu_c for one in model.drawn(4)] == [0.1, 0.1, 0.2, 0.3]
-    assert model.drawn(8)[-1].support.weights.tolist() == [0.8, 0.2]
-    with pytest.raises(ValueError, match="count must be at least 1"):
-        model.drawn(0)
 
 
 @pytest.fixture

@@ -46,17 +46,6 @@ def test_the_wrench_is_what_the_pusher_applies():
     assert surface.wrench(Twist(0.0, 0.0, 2.0)) == pytest.approx((0, 0, HALF))
 
 
-def test_forces_through_p_cf_translate_along_themselves():
-    support = TABLE_1["delrin_rect_right"].support
-    x, y = support.center_of_friction
-    surface = LimitSurface(support)
-    for angle in (0.0, 1.0, 4.0):
-        fx, fy = 0.3 * np.cos(angle), 0.3 * np.sin(angle)
-        wrench = Wrench(fx, fy, x * fy - y * fx)
-        assert surface.load(wrench) == pytest.approx(0.3)
-        assert surface.twist(wrench) == pytest.approx((np.cos(angle), np.sin(angle), 0), abs=1e-6)
-
-
 @settings(derandomize=True, max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.tuples(st.floats(-1, 1), st.floats(-1, 1)), st.floats(-30, 30), st.floats(0.1, 5))
 def test_the_motion_under_the_wrench_of_a_motion_is_that_motion(seed, velocity, omega, load):
@@ -186,12 +175,6 @@ def test_the_rods_have_the_same_reachable_parts():
     # the bold edges: down to m = fy / 2 in units of half the length
     assert fy == pytest.approx(1 / (1 + np.abs(places) / HALF))
     assert m == pytest.approx(places * fy)
-
-
-def test_a_plane_without_moments_cuts_a_circle_where_p_cf_is_the_origin():
-    section = LimitSurface(ROD_2).cross_section(Wrench(1.0, 0.0, 0.0), FY)
-    assert np.linalg.norm(section.points, axis=1) == pytest.approx(np.ones(len(section.points)))
-    assert section.facets == []
 
 
 @settings(derandomize=True, max_examples=15, deadline=None)

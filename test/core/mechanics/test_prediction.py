@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import four_feet, observations_of, square, three_feet
 
-from pushfric_core import Estimator, FrictionModel, Observation, Support, Twist, friction_model, motion_cone, predict, stability
+from pushfric_core import Estimator, FrictionModel, Observation, Support, Twist, friction_model, predict, stability
 from pushfric_core.geometry.planar import left_of
 from pushfric_core.mechanics.prediction import misfit
 from pushfric_core.mechanics.simulation import ContactMode
@@ -40,16 +40,6 @@ def test_what_the_model_cannot_explain_widens_the_spread():
     assert prediction.spread == pytest.approx((0.1, 0.0))  # nothing is unsure of a tip that leaves
 
 
-def test_the_motion_cone_of_a_rod_is_that_of_its_friction_cone():
-    cone = motion_cone(FrictionModel.of(ROD, 0.5), *BELOW)
-    # a force through the centre translates the rod along it
-    direction = np.array((0.5, 1.0, 0.0)) / np.hypot(0.5, 1)
-    assert cone.left[0] == pytest.approx(direction * (-1, 1, 1) if cone.left[0][0] < 0 else direction, abs=1e-6)
-    assert cone.right[0] == pytest.approx(cone.left[0] * (-1, 1, 1), abs=1e-6)
-    # t = n turned by +90 degrees is +x here
-    assert cone.left[0][0] > 0
-
-
 def test_a_wider_contact_holds_more_centers():
     model = FrictionModel.of(four_feet().truth, 0.3)
     rng = np.random.default_rng(4)
@@ -61,15 +51,6 @@ def test_a_wider_contact_holds_more_centers():
     ]
     assert shares[0] == 0
     assert 0 < shares[1] < shares[2] < 1
-
-
-def test_doubt_about_stability_is_a_probability():
-    model = FrictionModel(ROD.points, ((0.5, 0.5),) * 2, (0.1, 0.9), (0.25, 0.75))
-    # far to the left and above: the rod translates obliquely, 45 degrees off the normal
-    found = stability(model, *BELOW, (0.2,), ((-1e4, 0.5e4),), (1,))
-    assert found.probabilities == pytest.approx(0.75)
-    assert found.stable[0]
-    assert found.margins[0] > 0
 
 
 def test_the_misfit_of_exact_data_is_nothing():

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.optimize import check_grad
 
-from pushfric_core import TABLE_1, LimitSurface, Quartic, Support, Wrench, convex_quartic, named_ellipsoid
-from pushfric_core.mechanics.surface_models import EXPONENTS, ellipsoid_error, quartic_error
+from pushfric_core import TABLE_1, LimitSurface, Support, Wrench, convex_quartic, named_ellipsoid
+from pushfric_core.mechanics.surface_models import ellipsoid_error, quartic_error
 
 SHIFTED = Support(np.array(((1.0, 2.0), (1.05, 2.0), (1.0, 2.1))), np.array((0.5, 0.3, 0.2)))
 
@@ -48,12 +48,3 @@ def test_motions_follow_the_gradient():
     assert check_grad(value, gradient, wrench) == pytest.approx(0, abs=1e-4)
     twist = quartic.twist(Wrench(*wrench))
     assert np.dot(twist, wrench) == pytest.approx(quartic.load(Wrench(*wrench)))  # unit dissipation
-
-
-def test_coefficients_belong_to_monomials():
-    assert len(EXPONENTS) == 15
-    assert (EXPONENTS[0], EXPONENTS[-1]) == ((4, 0, 0), (0, 0, 4))
-    quartic = Quartic(np.eye(15)[EXPONENTS.index((2, 2, 0))])
-    assert quartic.load(Wrench(3, 2, 7)) == pytest.approx(36**0.25)
-    with pytest.raises(ValueError, match="must not be zero"):
-        quartic.twist(Wrench(0, 0, 0))

@@ -64,17 +64,6 @@ def test_the_page_holds_every_moment_of_the_run(page):
     assert story["plan"]["phase"] == "finished"
 
 
-def test_a_csv_has_a_page_too(page, tmp_path):
-    """Without times, poses and pictures."""
-    (content,) = re.findall(r'download="observations.csv" href="data:[^;]*;base64,([^"]*)"', page[1])
-    (tmp_path / "data.csv").write_bytes(base64.b64decode(content))
-    printed("report", tmp_path / "data.csv", "--object", "rubber_rect4", "--html", tmp_path / "page.html")
-    story, of_bag = told((tmp_path / "page.html").read_text()), told(page[1])
-    assert {key.partition("/")[0] for key in story} == {"cell", "object", "estimate", "moment", "push", "support"}
-    for key in ("contact", "twist", "predicted", "off"):
-        assert [story[f"moment/{seen}"][key] for seen in range(72)] == [of_bag[f"moment/{seen}"][key] for seen in range(72)]
-
-
 @pytest.mark.parametrize(("host", "status"), [("", 200), ("localhost", 200), ("elsewhere.example", 403)])
 def test_view_serves_the_page_on_this_machine_alone(host, status):
     command = [sys.executable, "-m", "pushfric_core", "view", str(BAG), "--port", "0"]

@@ -507,17 +507,6 @@ def test_a_refused_line_stops_and_is_named(peer):
     assert peer.heard == JOG + b"!\x85\x18" + ASKED_AGAIN
 
 
-def test_an_alarm_during_a_push_is_raised_and_stays(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
-    peer.status = "<Alarm|MPos:0.600,0.000,0.000|FS:0,0|Pn:X>"
-    peer.say("ALARM:1\r\n[MSG:Reset to continue]\r\n")
-    fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == JOG + b"!\x85\x18" + ASKED_AGAIN
-    assert pusher.mode is Mode.ALARM
-
-
 def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
     """GRBL 1.1h does not even answer status queries then."""
     pusher = connect(peer)
@@ -573,16 +562,6 @@ def test_a_restart_during_a_push_ends_the_connection(peer, also):
     assert pusher.mode is Mode.DISCONNECTED
 
 
-def test_silence_in_mid_stroke_is_a_hold_and_the_end_of_the_connection_where_it_lasts(peer):
-    pusher = connect(peer, silence=0.2)
-    begin_move(pusher, peer)
-    peer.heard, peer.status = b"", ""
-    fail(pusher, Timeout, r"said nothing for \d+\.\d\d s in mid-stroke; silence is 0\.2 s", peer)
-    peer.hear(b"!\x85")
-    assert peer.heard == b"!\x85"
-    fail(pusher, NotConnected, "no answer to . within 2 s", peer, 20.0)
-
-
 def test_a_process_that_stood_still_moves_nothing_any_more(peer):
     """As after a SIGSTOP: the controller has long used up what it was sent."""
     pusher = connect(peer, silence=0.2)
@@ -611,15 +590,6 @@ def test_a_port_that_takes_no_bytes_is_lost(peer):
     with pytest.raises(NotConnected, match=r"lost .*: it takes no bytes for 0\.5 s"):
         pusher._write(100_000 * b"?")
     assert pusher.mode is Mode.DISCONNECTED
-
-
-def test_unplugged_during_a_push(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
-    peer.unplug()
-    fail(pusher, NotConnected, "lost /dev/pts")
-    assert pusher.mode is Mode.DISCONNECTED
-    assert not pusher.busy
 
 
 def test_reconnecting_neither_moves_nor_homes(peer):

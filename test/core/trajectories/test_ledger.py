@@ -18,7 +18,6 @@ from pushfric_core.trajectories.ledger import (
     OUT_OF_ORDER,
     POSES,
     REASONS,
-    REPEATED,
     STATES,
     USED,
     WAITING,
@@ -212,24 +211,6 @@ def test_a_push_without_poses_is_a_doubt():
     missing = [sample for sample in poses if not 3 * SECOND <= sample.stamp < 6 * SECOND]
     _, ledger = of(one_by_one([missing, states]), forces=False)
     assert ledger.doubts == ["1 push has pusher states for more than 1 s, but no pose"]
-
-
-def test_repeated_samples_are_counted():
-    lists = streams(wrenches=False)
-    doubled = [sample for sample in by_time(lists) for _ in range(2)]
-    found, ledger = of(doubled, forces=False)
-    assert found == of(by_time(lists), forces=False)[0]
-    assert [ledger.accounts[kind].ended[REPEATED] for kind in (POSES, STATES)] == [COUNT, COUNT]
-    assert not ledger.doubts  # a clock may stand still
-
-
-def test_a_stream_that_changes_its_rate_is_followed():
-    slow = [number * SECOND // 30 for number in range(20)] + [SECOND * (1 + number) for number in range(20)]
-    stream = Stream("pose")
-    known = [[one.stamp for one in stream.take(ForceSample(stamp, (0.0, 0.0)))] for stamp in slow]
-    assert [stamp for some in known for stamp in some] == slow
-    assert all(len(some) == 1 for some in known[-8:])
-    assert stream.account.ended.total() == 0
 
 
 def test_what_is_held_at_the_end_waits_unless_it_is_wild():

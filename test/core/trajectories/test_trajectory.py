@@ -143,14 +143,6 @@ def test_angles_that_wrap_do_not_disturb_the_motion():
     assert np.allclose([o.twist for o in found[0]], [o.twist for o in found[1]])
 
 
-def test_nothing_is_observed_without_contact_or_push():
-    poses, pushers = samples_of_a_push()
-    idle = [p._replace(push_id=None) for p in pushers]
-    short = [p._replace(position=p.position - 0.01) for p in pushers]
-    assert feed(Trajectory(OUTLINE), in_time(poses, idle)) == []
-    assert feed(Trajectory(OUTLINE), in_time(poses, short)) == []
-
-
 def test_an_object_at_rest_gives_nothing_whatever_speed_counts_as_moving():
     poses, pushers = samples_of_a_push()
     resting = [PoseSample(p.stamp, poses[20].pose) for p in poses]
@@ -165,12 +157,6 @@ def test_no_observation_is_made_of_frames_from_both_sides_of_a_gap(lost):
     found = feed(Trajectory(OUTLINE, TrajectoryConfig(longest_gap=0.1)), in_time(kept, pushers))
     assert found
     assert all(abs(o.stamp - poses[lost].stamp) >= 4 * FRAME for o in found)
-
-
-def test_a_push_against_a_corner_gives_nothing():
-    corner = [PoseSample(k * FRAME, Pose(0.0635 + 0.002, 0.0, 0.0)) for k in range(20)]
-    pushers = [PusherSample(k * FRAME, 0.02 * k, 0.02, PushingLine((0, -0.1), (0, 1), 0.003), 0) for k in range(20)]
-    assert feed(Trajectory(OUTLINE), in_time(corner, pushers)) == []
 
 
 def test_a_pose_that_is_not_finite_is_refused():
@@ -234,16 +220,6 @@ def test_no_velocity_is_taken_across_a_leap():
     assert found
     leap = poses[21].stamp
     assert all(abs(o.stamp - leap) > 3 * FRAME for o in found)
-
-
-def test_pushes_with_noise_contradict_nothing(rng):
-    poses, pushers = samples_of_a_push()
-    for _ in range(20):
-        noisy = [s._replace(pose=Pose(*(np.array(s.pose) + rng.normal(0, (4e-4, 4e-4, 8e-3))).tolist())) for s in poses]
-        trajectory = Trajectory(OUTLINE, tolerance=0.005)
-        for sample in in_time(noisy, pushers):
-            feed(trajectory, [sample])
-            assert trajectory.contradiction is None
 
 
 def test_a_single_report_with_a_late_stamp_contradicts_nothing():
@@ -418,15 +394,6 @@ def test_the_tip_is_unknown_where_distant_reports_leave_its_speed_open():
     assert all(abs(tip_at(one)[1]) < 0.01 for one in before)
     assert len(during) >= 2
     assert all(one.tip_velocity is None for one in during)
-
-
-def test_a_pusher_that_reports_no_speed_gives_data_points():
-    poses, pushers = samples_of_a_push()
-    silent = [sample._replace(speed=0.0) for sample in pushers]
-    found, expected = (feed(Trajectory(OUTLINE), in_time(poses, samples)) for samples in (silent, pushers))
-    assert [o.twist for o in found] == [o.twist for o in expected]
-    for one, other in zip(found, expected, strict=True):
-        assert one.tip_velocity == pytest.approx(other.tip_velocity, abs=1e-6)
 
 
 def test_a_free_tip_that_turns_at_once_gives_no_data_point_of_both_motions():

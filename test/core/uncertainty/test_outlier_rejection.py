@@ -101,22 +101,6 @@ def test_a_push_that_is_excluded_or_kept_on_the_way_leaves_the_bits_as_from_the_
     assert all_numbers(live) == all_numbers(from_the_start)
 
 
-def test_a_push_whose_tip_is_known_in_part_of_it_stays():
-    data = pushes_of(BEFORE, 14, np.random.default_rng(2))
-    data = [
-        replace(one, tip_velocity=None) if one.push_id == BAD and number % 4 > 1 else one for number, one in enumerate(data)
-    ]
-    estimator, _ = taken(data)
-    assert estimator.rejected == ()
-
-
-def test_the_first_push_is_found_once_others_speak_against_it():
-    data = pushes_of(BEFORE, 14, np.random.default_rng(3))
-    data = [replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())) if one.push_id == 0 else one for one in data]
-    estimator, _ = taken(data)
-    assert [one.push_id for one in estimator.rejected] == [0]
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_a_moved_load_is_found_within_three_pushes(seed):
     rng = np.random.default_rng(10 + seed)

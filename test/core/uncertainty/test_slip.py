@@ -89,14 +89,6 @@ def test_the_direction_of_the_slip_is_told_from_the_tip():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_the_noise_of_the_poses_explains_is_no_slip(seed):
-    estimate = last(filmed(pushes(0.0), np.random.default_rng(seed)))
-    assert (np.abs(estimate.tip.slip) > estimate.tip.tolerance).sum() > 3  # single data points seem to slip
-    assert (estimate.mu_c.value, estimate.mu_c.kind) == (None, Kind.BOUND)
-    assert len(set(estimate.tip.push[np.abs(estimate.tip.directions) > 0])) <= 1
-
-
-@pytest.mark.parametrize("seed", range(5))
 def test_noise_does_not_lower_what_sliding_pushes_tell(seed):
     data = [one for pair in zip(pushes(math.radians(15)), pushes(math.radians(60)), strict=True) for one in pair]
     data = [replace(push, push_id=number) for number, push in enumerate(data)]

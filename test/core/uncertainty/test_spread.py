@@ -124,15 +124,6 @@ def test_each_weight_lies_in_its_interval_about_as_often_as_it_says():
     assert np.median(widths) < 0.5
 
 
-def test_pushes_that_all_say_the_same_tell_no_spread():
-    rng = np.random.default_rng(4)
-    estimator, estimate = last(noisy(rng, 0.1, 8, choices=1))
-    assert estimate.spread is None
-    assert estimate.lack.code == ReasonCode.FEW_PLACES
-    assert estimate.lack.text.startswith("all pushes are at one place and say the same")
-    assert estimator.verdict(estimate).reasons == (estimate.lack,)
-
-
 @pytest.mark.parametrize(
     ("config", "options"),
     [

@@ -79,20 +79,6 @@ def test_unprojection_undoes_projection(rng, height):
     np.testing.assert_allclose(camera.unproject(camera.project(table, height), height), table, atol=1e-9)
 
 
-@pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3])
-def test_scale_and_sign_of_the_homography_do_not_matter(rng, scale):
-    camera = oblique()
-    same, table = dataclasses.replace(camera, H=scale * camera.H), points(rng)
-    np.testing.assert_allclose(same.project(table, 0.03), camera.project(table, 0.03), atol=1e-8)
-
-
-def test_a_raised_plane_appears_larger_by_parallax():
-    camera = Camera.looking_down(640, 480, (0.0, 0.0), 0.001, distance=0.8)
-    ((u, v),) = camera.project([(0.06, 0.0)], 0.2)
-    assert (u, v) == pytest.approx((319.5 + 60 * 0.8 / 0.6, 239.5))
-    assert camera.metres_per_pixel(0.2) == pytest.approx(0.00075)
-
-
 def test_reads_what_camera_calibration_writes(tmp_path):
     path = tmp_path / "camera.yaml"
     path.write_text(YAML)

@@ -131,16 +131,6 @@ def test_expectation_resolves_a_half_turn(rng, theta):
             assert abs(wrap(tracker("rectangle").track(frame, near).pose.theta - expected.theta)) < 0.001
 
 
-def test_the_middle_of_a_symmetric_outline_may_lie_off_the_origin(rng):
-    outline = SHAPES["square"] + (0.05, 0.02)
-    simulation = SimulatedCamera(looking_down(), outline, HEIGHT, rng)
-    truth = Pose(0.06, 0.05, 0.2)
-    quarter = ContourTracker(looking_down(), outline, HEIGHT).track(simulation.render(truth), truth._replace(theta=1.7)).pose
-    assert quarter.theta == pytest.approx(0.2 + np.pi / 2, abs=0.001)
-    # the same place in another pose
-    np.testing.assert_allclose(transform(quarter, (0.05, 0.02)), transform(truth, (0.05, 0.02)), atol=0.05 * PIXEL)
-
-
 @pytest.mark.parametrize("grey", [0, 100, 240])
 def test_a_partly_hidden_edge_does_no_harm(rng, grey):
     simulation, seen = simulated("rectangle", rng), tracker("rectangle")

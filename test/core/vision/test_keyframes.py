@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 from pushfric_core import TABLE_1, Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_core.vision.keyframes import MOST_HELD, Keyframes, Moment
+from pushfric_core.vision.keyframes import Keyframes, Moment
 
 NAME = "rubber_rect4"
 FRAME = np.zeros((4, 4), np.uint8)
@@ -32,14 +32,6 @@ def test_a_push_gives_its_placement_begin_middle_and_end():
     assert kept(course) == [5, 10, 15, 21]
     assert kept(course * 2) == [5, 10, 15, 21, 31, 36, 41, 47]
     assert kept(course, everything=True) == list(range(26))
-
-
-def test_the_middle_of_a_long_push_is_kept_though_few_of_its_images_are_held():
-    pushed, rest = Moment(True, True, True), Moment(False, True, True)
-    count = 40 * MOST_HELD
-    begin, middle, end = kept([pushed] * count + [rest])
-    assert (begin, end) == (0, count)
-    assert middle == pytest.approx(count / 2, abs=2 * count / MOST_HELD)
 
 
 def test_each_loss_of_the_object_is_kept_once():

@@ -73,12 +73,6 @@ def test_a_pose_is_found_in_each_kind_of_message(config, msg):
     assert MountConfig().pose(body) == pytest.approx((0.3, -0.2, 0.8))
 
 
-def test_an_array_without_the_body_is_refused():
-    source = PoseArrayConfig("there", 2).open_source()
-    with pytest.raises(ValueError, match="a message has 2 poses, none with the index 2"):
-        source.body("there", array())
-
-
 def test_a_frame_is_followed_through_the_tree():
     source = TransformsConfig(frame="tool", reference="base").open_source()
     assert source.topics == {"/tf_static": ("tf2_msgs/msg/TFMessage", "latched"), "/tf": ("tf2_msgs/msg/TFMessage", "reliable")}
@@ -131,13 +125,6 @@ def test_a_pose_of_no_use_is_refused(position, quaternion, error):
             SimpleNamespace(sec=0, nanosec=0),
             *(SimpleNamespace(**dict(zip("xyzw", v, strict=False))) for v in (position, quaternion)),
         )
-
-
-def test_an_upright_body_says_nothing_about_the_angle():
-    x, y, z, w = about((0, 1, 0), math.pi / 2)
-    body = Body.of(SimpleNamespace(sec=0, nanosec=0), Point(), Quaternion(x=x, y=y, z=z, w=w))
-    with pytest.raises(ValueError, match="upright"):
-        MountConfig().pose(body)
 
 
 def test_mounts_are_checked():

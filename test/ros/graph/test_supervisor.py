@@ -59,16 +59,6 @@ def test_a_node_that_keeps_dying_ends_the_run(run, monkeypatch):
     assert said.count("tracker: no camera") == 3
 
 
-def test_deaths_far_apart_are_forgiven(run, monkeypatch, tmp_path):
-    """The same node dies three times and then does its work; the time limit is too short for three deaths."""
-    monkeypatch.setattr(supervisor, "DEATHS_WITHIN", 0.0)
-    lives = tmp_path / "lives"
-    dies = f"open({str(lives)!r}, 'a').write('x'); raise SystemExit(len(open({str(lives)!r}).read()) < 4)"
-    ended, said = run(tracker=node("tracker", dies, respawn=True, ends_run=True))
-    assert ended == (0, "tracker has finished")
-    assert len(said) == 3
-
-
 def test_a_node_with_unusable_input_is_not_started_again(run):
     ended, said = run(tracker=node("tracker", "raise SystemExit(2)", respawn=True))
     assert ended == (2, "tracker ended with exit code 2")

@@ -13,7 +13,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core import TABLE_1, Estimator, HalfPlanes, Pose, next_pushes
 from pushfric_core.bags.samples import stamp_from_msg
-from pushfric_core.cell.node_settings import FrameConfig
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.region import HalfPlane
 from pushfric_core.files.object_file import load_object
@@ -164,17 +163,3 @@ def test_the_camera_is_where_its_calibration_says(tilt):
     for point in ((0.0, 0.0), (0.2, 0.1), (-0.1, 0.3)):
         ray = K @ (to_table.T @ (np.array((*point, 0.0)) - place))
         assert camera.project([point])[0] == pytest.approx(ray[:2] / ray[2])
-
-
-@pytest.mark.parametrize(
-    ("given", "namespace", "prefix"),
-    [
-        ("auto", "/cell", ""),
-        ("auto", "/", ""),
-        ("auto", "/hall/left", "hall/left/"),
-        ("", "/left", ""),
-        ("a/b/", "/left", "a/b/"),
-    ],
-)
-def test_frames_of_two_cells_differ(given, namespace, prefix):
-    assert FrameConfig(given).within(namespace) == prefix

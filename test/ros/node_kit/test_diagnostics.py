@@ -79,13 +79,3 @@ def test_of_a_publisher_that_promises_less_what_comes_is_taken(ros, node, watche
     ros.wait_for(out.get_subscription_count, what="the subscription that is content with best effort")
     out.publish(Point())
     ros.wait_for(lambda: got, what="a message")
-
-
-def test_raw_messages_are_handed_on_as_bytes(ros, node, watched):
-    got = []
-    watched.subscribe(PointStamped, "points", got.append, RELIABLE, raw=True)
-    out = node.create_publisher(PointStamped, "points", RELIABLE)
-    ros.wait_for(out.get_subscription_count, what="the subscription")
-    out.publish(PointStamped())
-    ros.wait_for(lambda: got, what="a message")
-    assert isinstance(got[0], bytes)

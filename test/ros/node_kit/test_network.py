@@ -5,14 +5,12 @@ import os
 import re
 import subprocess
 import sys
-from xml.etree import ElementTree
 
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from pushfric_core.cell.node_settings import Discovery
-from pushfric_ros.node_kit import network
-from pushfric_ros.node_kit.network import FILE_VARIABLES, IMAGES, RANGE, VARIABLES, asked_for, configured
+from pushfric_ros.node_kit.network import FILE_VARIABLES, RANGE, VARIABLES, asked_for, configured
 
 pytestmark = pytest.mark.skipif(
     not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="other middlewares have other settings"
@@ -148,18 +146,6 @@ def test_fast_dds_is_told_by_the_variable_that_it_knows(unset, monkeypatch, dist
     assert [name in changed() for name in FILE_VARIABLES] == [number == 0, number == 1]
 
 
-@pytest.mark.parametrize("images", [False, True])
-@pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
-def test_every_process_announces_itself_often_at_first(unset, monkeypatch, range_, images):
-    """With five announcements in half a second, a demo began 2.5 s late every other time."""
-    monkeypatch.setenv(RANGE, range_)
-    monkeypatch.setenv("ROS_DISTRO", "jazzy")
-    profile = ElementTree.parse(changed(images)[FILE_VARIABLES[0]])
-    often = profile.find(".//{*}builtin/{*}discovery_config/{*}initialAnnouncements")
-    assert int(often.findtext("{*}count")) * int(often.findtext("{*}period/{*}nanosec")) >= 3e9  # until Fast DDS's next
-    assert int(often.findtext("{*}period/{*}nanosec")) <= 1e8
-
-
 def segments() -> list[int]:
     """Sizes [bytes] of the segments that the middleware maps in a process that publishes images."""
     return json.loads(subprocess.run([sys.executable, "-c", SEGMENTS], capture_output=True, check=True, timeout=120).stdout)
@@ -171,16 +157,6 @@ def segments() -> list[int]:
 def test_the_configuration_of_the_user_is_kept(unset, monkeypatch, name):
     monkeypatch.setenv(name, "UDPv4")
     assert changed(images=True) == {RANGE: "LOCALHOST"}
-
-
-@pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
-@pytest.mark.parametrize(("attribute", "value"), [("FREE", 2**60), ("SHARED_MEMORY", IMAGES)])
-def test_with_little_shared_memory_images_get_no_more(unset, monkeypatch, attribute, value, range_):
-    monkeypatch.setenv(RANGE, range_)
-    without = changed()
-    assert changed(images=True) != without
-    monkeypatch.setattr(network, attribute, value)
-    assert changed(images=True) == without
 
 
 @pytest.mark.parametrize(

@@ -89,13 +89,6 @@ def test_what_does_not_fit_is_refused(ros, values, words):
     assert str(refusal.value) == f"/refusing: {words}"
 
 
-def test_a_name_may_not_be_declared_twice(ros):
-    node, _ = declared("twice", name="x")
-    with pytest.raises(InvalidInput, match="/twice: Config repeats the setting name, size, "):
-        declare(node, Config)
-    node.destroy_node()
-
-
 def test_every_parameter_can_be_asked_for(ros):
     """A parameter without a value once made rclpy answer with nothing at all: `ros2 param dump` printed {}."""
     ros.compose(EstimatorNode(parameter_overrides=[Parameter("object", value="wood_rect4")]))

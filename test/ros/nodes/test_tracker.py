@@ -246,11 +246,6 @@ def test_a_frozen_topic_gives_no_pose(cell):
     assert_close(cell.see(TRUTH), TRUTH)
 
 
-def test_images_without_a_time_stamp_are_refused(cell):
-    cell.send(cell.simulation.render(TRUTH), stamp=0)
-    cell.report(unusable_frames="1", last_reason="the images carry no time stamp")
-
-
 def test_markers_give_the_pose(ros, tmp_path):
     (tmp_path / "markers.yaml").write_text("{family: apriltag_36h11, markers: [{id: 5, size: 0.04, center: [0.02, 0.0]}]}")
     cell = Cell(ros, tmp_path, fiducials=str(tmp_path / "markers.yaml"))
