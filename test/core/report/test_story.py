@@ -7,7 +7,7 @@ from pushfric_core.bags.constants import constants
 from pushfric_core.bags.message_types import record
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.files.object_file import load_object
-from pushfric_core.report.story import Story
+from pushfric_core.report.story import MOST_PICTURES, Story
 
 OBJECT = "wood_rect4"
 PHASES = constants("PlanProgress")
@@ -64,3 +64,14 @@ def test_what_happens_stands_between_the_moments(story):
     assert [(event["at"], event["text"]) for event in events] == [(1, "the pusher stops (stopped)"), (1, "push 1 was stopped")]
     assert told["push/0"]["aborted"]
     assert not told["push/1"]["aborted"]
+
+
+def test_pictures_that_grow_too_many_are_thinned_evenly(story):
+    size, there = MOST_PICTURES / 10, set()
+    for second in range(100):
+        for key, value in story.on_picture(second * 10**9, size).items():
+            there.discard(key) if value is None else there.add(key)
+        assert len(there) * size <= MOST_PICTURES
+    numbers = sorted(int(key.partition("/")[2]) for key in there)
+    assert numbers == list(range(0, 100, numbers[1]))
+    assert len(numbers) > 4

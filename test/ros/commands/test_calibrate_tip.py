@@ -19,9 +19,11 @@ from sensor_msgs.msg import Image
 
 from pushfric_core import InvalidInput, Pose
 from pushfric_core.cell.cell_file import load_cell
+from pushfric_core.commands.frames import frames_from
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_ros.commands import topic_frames
 from pushfric_ros.node_kit.qos import SENSOR_DATA
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.0006)
@@ -180,3 +182,12 @@ def test_the_keys_of_its_json_are_documented(cell):
     keys = {f"pusher.{key}" for key in told["pusher"]} | {"findings", "files"}
     table = DOCS.read_text().split("\n`calibrate tip`:\n\n")[1].split("\n\n")[0]
     assert keys == {key for row in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE) for key in re.findall("`(.*?)`", row)}
+
+
+def test_a_topic_without_frames_says_so(monkeypatch):
+    monkeypatch.setattr(topic_frames, "FRAME_TIMEOUT", 0.2)
+    with (
+        frames_from("topic", "/nobody") as source,
+        pytest.raises(InvalidInput, match="no frames from /nobody/image_raw"),
+    ):
+        next(iter(source))

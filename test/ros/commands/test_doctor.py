@@ -239,6 +239,21 @@ def frames(images, period=0.05, age=0.01):
 NOISE = [np.random.default_rng(i).integers(0, 200, (240, 320)).astype(np.uint8) for i in range(5)]
 
 
+@pytest.mark.parametrize("domain", ["102", "-1", "seven"])
+def test_domains_that_do_not_work_fail(monkeypatch, domain):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    check = discovery.check_discovery()
+    assert (check.level, check.finding) == (FAILED, f"ROS_DOMAIN_ID is {domain!r}")
+
+
+def test_multicast_matters_only_where_other_machines_are_looked_for(monkeypatch):
+    assert discovery.check_multicast().finding == "not needed: only this machine is looked for"
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    monkeypatch.setattr(discovery, "DDS_GROUP", "10.1.2.3")  # no multicast address
+    check = discovery.check_multicast()
+    assert (check.level, check.finding.startswith("does not work: ")) == (WARNING, True)
+
+
 @pytest.mark.parametrize(
     ("seen", "level", "finding"),
     [
