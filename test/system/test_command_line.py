@@ -20,11 +20,6 @@ from pushfric_core.vision.camera import Camera, save_camera
 
 COMMANDS = cli.catalog()
 
-CELL = """
-object: rubber_rect4
-camera: {{source: "{source}", calibration: {calibration}}}
-pusher: {{port: {port}, line_origin: [0, 0], line_direction: [0, 1], tip_radius: 0.003, stroke: 0.06, max_speed: 0.1}}
-"""
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BAG = ROOT / "bags/rubber_rect4"
 HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
@@ -118,25 +113,6 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call,
     assert run.stdout == ""
 
 
-@pytest.mark.parametrize(
-    ("change", "error"),
-    [
-        ({"source": "/nowhere/video.mp4"}, "no camera at '/nowhere/video.mp4'"),
-        ({"calibration": "none.yaml"}, "none.yaml"),
-        ({"port": "/dev/pushfric-none"}, "pusher: no serial port at /dev/pushfric-none"),
-    ],
-)
-def test_a_cell_without_its_parts_says_so(tmp_path, monkeypatch, change, error):
-    monkeypatch.chdir(tmp_path)
-    save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), tmp_path / "camera.yaml")
-    parts = {"source": "topic", "calibration": "camera.yaml", "port": "/dev/null"} | change
-    (tmp_path / "cell.yaml").write_text(CELL.format(**parts))
-    run = pushfric("run", tmp_path / "cell.yaml", "--bag", tmp_path / "bag", "--headless")
-    assert run.returncode == 2, run.stderr
-    assert error in run.stderr
-    assert "Traceback" not in run.stderr
-
-
 @pytest.mark.parametrize("missing", ["object.yaml", "plan.yaml", "camera.yaml"])
 def test_a_missing_file_of_a_cell_is_named_before_anything_starts(tmp_path, missing):
     cell = tmp_path / "my_cell"
@@ -191,14 +167,6 @@ def test_help_fits_80_columns_uncut(call, monkeypatch, name):
     assert not re.search(r"\((m|mm|rad|s|N)\)", said)  # units stand in brackets
     assert not re.search(r"<\w|[{}]|\bx[<>]=|: \(", said)  # the words of a person
     assert said == call(*name.split(), "-h").stdout
-
-
-@pytest.mark.parametrize("name", ["estimate", "recognize"])
-def test_the_settings_of_the_estimator_are_one_section(call, name):
-    _, _, settings = call(name, "--help").stdout.partition("\nSettings of the estimator:\n")
-    assert re.findall(r"^  (--[\w-]+)", settings, re.MULTILINE)[0] == "--terms"
-    assert "--keep-push" in settings
-    assert "--object" not in settings
 
 
 @pytest.mark.parametrize(

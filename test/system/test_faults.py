@@ -12,7 +12,7 @@ from faults import failing_sync
 from faults.__main__ import DOCUMENT, page
 from faults.campaign import Outcome, _problems, attempt, evidence, table
 from faults.cases import CASES, Case
-from faults.cell_run import CellRun, DidNotHappen
+from faults.cell_run import CellRun
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.quick], ids=lambda case: case.fault)
@@ -27,29 +27,6 @@ def test_the_document_shows_the_evidence():
     *_, row = table(evidence([[Outcome(case, "exit code 1 after 3 s", "", ("lost",))] for case in CASES[:2]])).splitlines()
     assert row.startswith("| kill -9 of tracker, estimator | started again, or the run ends")
     assert row.endswith(" | exit code 1 after 3 s; lost; lost | 0 of 2 |")
-
-
-BUSY = """
-import sys, time
-for line in range({lines}):
-    begin = time.process_time()
-    while time.process_time() < begin + 0.5:
-        pass
-    print("line", line, flush=True)
-"""
-
-
-def test_a_row_waits_for_a_run_that_makes_progress_and_for_no_other(tmp_path, monkeypatch):
-    monkeypatch.setattr("faults.cell_run.RUN_TIMEOUT", 2.0)
-    with CellRun([sys.executable, "-c", BUSY.format(lines=8)], tmp_path) as run:
-        run.wait_for_output("line 7")
-        assert run.wait_for_end() == 0
-    busy, waiting = ([sys.executable, "-c", program] for program in ("while True: pass", "import signal; signal.pause()"))
-    with CellRun(busy, tmp_path) as run, pytest.raises(DidNotHappen, match=r"the end did not come within \d s of CPU time"):
-        run.wait_for_end()
-    monkeypatch.setattr("faults.cell_run.STANDSTILL", 1.0)
-    with CellRun(waiting, tmp_path) as run, pytest.raises(DidNotHappen, match=r"and \d s without any"):
-        run.wait_for_end()
 
 
 def test_a_push_that_was_aborted_for_another_reason_is_a_problem(tmp_path):

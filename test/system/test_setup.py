@@ -180,19 +180,6 @@ def test_a_busy_domain_is_refused_before_the_set_up(workspace):
     assert not (workspace / ".venv").exists()
 
 
-def test_uv_is_told_what_pip_is_configured_to(script, tmp_path, monkeypatch):
-    (tmp_path / "pip.conf").write_text(
-        "[global]\nindex-url = https://own.example/simple\nfind-links =\n    /a\n    /b\ncert = /c.pem\n"
-    )
-    for name in [name for name in os.environ if name.startswith("PIP_")]:
-        monkeypatch.delenv(name)
-    monkeypatch.setenv("PIP_CONFIG_FILE", str(tmp_path / "pip.conf"))
-    told = script.uv_settings(pathlib.Path(sys.executable))
-    assert told["UV_DEFAULT_INDEX"].endswith("https://own.example/simple")
-    assert told["UV_FIND_LINKS"].split(",")[-2:] == ["/a", "/b"]
-    assert told["SSL_CERT_FILE"] == "/c.pem"
-
-
 def test_the_cache_of_uv_stays_as_it_is(script, tmp_path, monkeypatch):
     """Files of an environment may be links into it; a second clone then built against headers of the first, long gone."""
     cached, installed = tmp_path / "cached.cmake", tmp_path / "share/msgs/cmake/msgsExport.cmake"

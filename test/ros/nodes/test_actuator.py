@@ -253,24 +253,6 @@ def test_a_push_in_simulated_time(ros, tmp_path):
     assert late[len(late) // 2] <= 0.0004 + 1e-6  # one step of the clock
 
 
-def test_no_state_is_older_than_the_one_before(ros):
-    """What the node says of itself at its end is later than the answer of a slow controller that is still on its way."""
-    clock = SimTime(ros, 250)
-    with SimulatedGrbl(lambda: clock.now) as controller, FaultyLine(controller.port) as line:
-        line.delay_to_host = 0.05
-        cell = Cell(ros, line.port, use_sim_time=True, real_time_factor=5.0)
-        clock.start()
-        cell.ready()
-        for _ in range(10):
-            asked, told = clock.now, len(cell.states)
-            ros.wait_for(lambda asked=asked: clock.now > asked + 0.07, what="a few steps of the clock")
-            ended = cell.node.wind_up()
-            ros.wait_for(lambda told=told: len(cell.states) > told + 1, what="later states")
-        assert ended
-    stamps = [Time.from_msg(state.header.stamp).nanoseconds for state in cell.states]
-    assert stamps == sorted(stamps)
-
-
 def under_way_without(cell: Cell, controller: SimulatedGrbl, what: str) -> Callable[[], object]:
     """What takes from a push, once it is under way, what it needs."""
     if what.startswith("enable"):
@@ -485,18 +467,6 @@ def test_a_node_that_a_push_needs_may_have_much_to_do(ros, controller, tmp_path)
     estimator.destroy_node()
     result = cell.result(handle).result
     assert re.fullmatch(MISSED.format("estimator", "requires_timeout is 0.5 s"), result.message)
-
-
-def test_a_push_waits_for_a_node_that_is_heard_late(ros, controller, tmp_path):
-    """On a busy machine, the actuator may find a node later than the experiment does."""
-    cell = Cell(ros, tmp_path / "port", requires=["tracker"], requires_timeout=60.0).ready()
-    handle = cell.send(0.01)
-    cell.states.clear()
-    ros.wait_for(lambda: len(cell.states) > 10, what="states")
-    assert controller.position() == 0.0  # nothing moves yet
-    life = Heartbeat(ros.node("tracker", namespace=cell.node.get_namespace()))
-    assert cell.result(handle).result.message.startswith("reached")
-    life.end()
 
 
 def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, capfd):

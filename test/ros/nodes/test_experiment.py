@@ -10,7 +10,6 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
 from rclpy.clock import ClockType
 from rclpy.time import Time
-from rosgraph_msgs.msg import Clock
 from stage import STAGE
 from std_srvs.srv import Trigger
 
@@ -371,23 +370,6 @@ def test_an_object_lost_in_mid_push_stops_the_pusher_which_stays(ros, controller
     assert min(state.speed for state in table.states) >= -0.0101  # no faster than asked
     table.visible = True
     ros.wait_for(lambda: 1 in pushed(table.states), what="the next push")
-
-
-def test_a_clock_that_jumps_back_forgets_the_poses_before_it(ros, controller, tmp_path):
-    table = Table(ros, tmp_path, use_sim_time=True, still=0.3)
-    clock = ros.node("clock")
-    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
-    offset = [10**12]
-    begin = time.monotonic_ns()
-    table.now = lambda: time.monotonic_ns() - begin + offset[0]
-    clock.create_timer(0.02, lambda: clock_out.publish(Clock(clock=Time(nanoseconds=table.now()).to_msg())))
-    table.obedient = False
-    table.wait_for_message("mm off")
-    ros.wait_for(lambda: len(table.node._poses) > 5, what="poses")
-    offset[0] -= 5 * 10**11
-    ros.wait_for(lambda: table.node._poses[0][0] < 6 * 10**11, what="poses of the new time only")
-    table.object = table.wanted[0]
-    ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
 
 
 class DeafPusher:
