@@ -106,8 +106,7 @@ def test_wrong_input_is_refused(arguments, error):
 def test_slipping_pushes_give_mu_c_itself(data, tmp_path):
     figures = json.loads(said("estimate", data, "--slipping-push", 1, "--slipping-push", 4, "--json"))
     estimator = Estimator(load_object(NAME).support_points)
-    for observation in DATA:
-        estimate = estimator.add(observation)
+    estimate = estimator.add(DATA)
     slipping = estimate.contact_friction[[1, 4]]
     assert figures["mu_c"]["slipping"] == [slipping.min(), slipping.max()]
     assert figures["w"] == estimate.w.tolist()  # of all data points

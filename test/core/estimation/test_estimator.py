@@ -12,16 +12,10 @@ from pushfric_core.geometry.support import friction_directions
 from pushfric_core.program.constraints import Moment
 
 
-def last_estimate(estimator, observations):
-    for observation in observations:
-        estimate = estimator.add(observation)
-    return estimate
-
-
 @pytest.mark.parametrize("make", PROBLEMS)
 def test_noiseless_data_give_back_the_truth(make):
     problem = make()
-    estimate = last_estimate(Estimator(problem.truth.points), problem.observations)
+    estimate = Estimator(problem.truth.points).add(problem.observations)
     assert estimate.status is Status.OPTIMAL
     assert np.allclose(estimate.center_of_friction, problem.truth.center_of_friction, atol=1e-4)
     assert np.allclose(estimate.w, problem.truth.weights, atol=0.02)
@@ -40,7 +34,7 @@ def test_every_estimate_is_certified_and_stays_as_it_is():
 
 def test_contact_friction_reaches_the_true_coefficient():
     problem = PROBLEMS[0]()  # made with mu_c = 0.5, slipping pushes among them
-    estimate = last_estimate(Estimator(problem.truth.points), problem.observations)
+    estimate = Estimator(problem.truth.points).add(problem.observations)
     assert estimate.mu_c_max == pytest.approx(0.5, abs=0.01)
     assert estimate.mu_c_p90 <= estimate.mu_c_max
 
@@ -62,7 +56,7 @@ def test_data_that_contradict_the_nonnegative_force_are_infeasible():
 def test_a_motion_about_a_support_is_refused_and_leaves_no_trace():
     problem = PROBLEMS[1]()
     estimator = Estimator(problem.truth.points, EstimatorConfig(cor_radius=0.0))
-    before = last_estimate(estimator, problem.observations[:5])
+    before = estimator.add(problem.observations[:5])
     x, y = problem.truth.points[1]
     turn = Observation((0.05, 0.0), (0.0, -1.0), Twist(y, -x, 1.0))
     for take in (estimator.check, estimator.add):
@@ -98,7 +92,7 @@ def test_a_known_center_of_friction_is_kept():
     true = problem.truth.center_of_friction
     fits = []
     for center in (true, true + (0.005, 0.0), true + (0.01, 0.0)):
-        estimate = last_estimate(Estimator(problem.outline.grid(5, 5), center_of_friction=center), problem.observations)
+        estimate = Estimator(problem.outline.grid(5, 5), center_of_friction=center).add(problem.observations)
         assert estimate.center_of_friction == pytest.approx(center, abs=1e-9)
         fits.append(estimate.solution.objective)
     assert fits[0] < fits[1] < fits[2]
@@ -123,12 +117,12 @@ def test_measured_forces_give_absolute_magnitudes(rng):
     problem = PROBLEMS[2]()
     config = EstimatorConfig(terms=("moment", "force"))
     sensed = [with_force(o, problem, 3.5) for o in problem.observations]
-    estimate = last_estimate(Estimator(problem.truth.points, config), sensed)
+    estimate = Estimator(problem.truth.points, config).add(sensed)
     assert estimate.status is Status.OPTIMAL
     assert estimate.total_friction == pytest.approx(3.5, rel=1e-3)
     assert estimate.center_of_friction == pytest.approx(problem.truth.center_of_friction, abs=1e-4)
     noisy = [with_force(o, problem, 3.5, 0.1, rng) for o in problem.observations]
-    assert last_estimate(Estimator(problem.truth.points, config), noisy).total_friction == pytest.approx(3.5, rel=0.05)
+    assert Estimator(problem.truth.points, config).add(noisy).total_friction == pytest.approx(3.5, rel=0.05)
 
 
 def test_a_measured_direction_within_its_cone_costs_nothing(rng):
@@ -138,7 +132,7 @@ def test_a_measured_direction_within_its_cone_costs_nothing(rng):
         sensed = with_force(o, problem, rng.uniform(1, 5))  # another sensor gain each time: the magnitude is not used
         turned.append(replace(sensed, force=tuple(rotation(rng.uniform(-0.1, 0.1)) @ sensed.force)))
     exact, wide = (
-        last_estimate(Estimator(problem.truth.points, EstimatorConfig(terms=("force_angle",), force_half_angle=angle)), turned)
+        Estimator(problem.truth.points, EstimatorConfig(terms=("force_angle",), force_half_angle=angle)).add(turned)
         for angle in (0.0, 0.101)
     )
     assert wide.solution.objective == pytest.approx(0.0, abs=1e-9)
@@ -178,7 +172,7 @@ def test_of_equally_good_weights_the_most_even_are_taken():
 
 
 def estimate_of(points, observations, **settings):
-    return last_estimate(Estimator(points, EstimatorConfig(**settings)), observations)
+    return Estimator(points, EstimatorConfig(**settings)).add(observations)
 
 
 def test_the_approximate_solver_is_honest_about_its_gap():
@@ -233,7 +227,7 @@ def test_a_tie_with_rows_of_zeros_is_broken(settings):
 def test_data_points_without_rows_or_cost_are_taken_and_excluded(settings):
     problem = PROBLEMS[0]()
     estimator = Estimator(problem.outline.grid(4, 4), EstimatorConfig(**settings))
-    assert last_estimate(estimator, problem.observations[:4]).data_points == 4
+    assert estimator.add(problem.observations[:4]).data_points == 4
     assert estimator.exclude(2).data_points == 3
 
 
@@ -265,10 +259,10 @@ class KnownFriction(Constraint):
 def test_a_constraint_of_ones_own_joins_the_terms(settings):
     problem = PROBLEMS[1]()
     grid = problem.outline.grid(5, 5)
-    alone = last_estimate(Estimator(grid, EstimatorConfig(**settings)), problem.observations[:8]).center_of_friction
+    alone = Estimator(grid, EstimatorConfig(**settings)).add(problem.observations[:8]).center_of_friction
     told = alone[0] + 0.003  # which is not true
     config = EstimatorConfig(terms=("moment", OnAxis(told, 1000.0)), **settings)
-    estimate = last_estimate(Estimator(grid, config), problem.observations[:8])
+    estimate = Estimator(grid, config).add(problem.observations[:8])
     assert estimate.center_of_friction[0] == pytest.approx(told, abs=1e-4)
 
 

@@ -71,8 +71,7 @@ def test_the_misfit_bounds_new_motions_as_often_as_it_says():
 
         data = [blurred(observation) for observation in observations_of(outline, truth, 0.5, 50, rng)]
         estimator = Estimator(truth.points)
-        for observation in data[:20]:
-            estimate = estimator.add(observation)
+        estimate = estimator.add(data[:20])
         model = FrictionModel.of(Support(estimate.support_points, estimate.w), 0.5)
         bound = misfit(model, data[:20], 3)
         held += [misfit(model, [observation], 0) <= bound for observation in data[20:]]
@@ -110,8 +109,7 @@ def test_mu_c_is_what_explains_the_motions_where_bounds_say_little():
     found = {}
     for name, seen in (("tips", data), ("none", [replace(one, tip_velocity=None) for one in data])):
         estimator = Estimator(problem.truth.points)
-        for one in seen:
-            estimate = estimator.add(one)
+        estimate = estimator.add(seen)
         assert estimate.mu_c.kind is Kind.BOUND
         found[name] = friction_model(estimate).mean_mu_c
     assert found["none"] == pytest.approx(0.5, abs=0.03)

@@ -118,8 +118,7 @@ def test_the_pushes_of_a_long_run_are_taken_together(monkeypatch):
 
 def judged(data):
     estimator = Estimator(POINTS, EstimatorConfig(screening=False))  # a push that contradicts the others stays
-    for one in data:
-        estimate = estimator.add(one)
+    estimate = estimator.add(data)
     return estimate, estimator.verdict(estimate)
 
 

@@ -30,8 +30,7 @@ def pushes_of(support, count, rng, first=0, noise=0.01):
 
 def taken(data, config=SCREENING):
     estimator = Estimator(square().grid(4, 4, 0.01), config)
-    for observation in data:
-        estimate = estimator.add(observation)
+    estimate = estimator.add(data)
     return estimator, estimate
 
 
@@ -44,8 +43,7 @@ def test_good_pushes_change_nothing(seed):
     data = pushes_of(BEFORE, 14, np.random.default_rng(seed))
     estimator, estimate = taken(data)
     plain = Estimator(square().grid(4, 4, 0.01))
-    for observation in data:
-        expected = plain.add(observation)
+    expected = plain.add(data)
     assert estimator.rejected == ()
     assert estimator.verdict(estimate).change is None
     assert estimate.w == pytest.approx(expected.w, abs=1e-9)

@@ -52,10 +52,7 @@ def filmed(data, rng, count=6, noise=0.05):
 
 
 def last(data):
-    estimator = Estimator(FEET.truth.points)
-    for observation in data:
-        estimate = estimator.add(observation)
-    return estimate
+    return Estimator(FEET.truth.points).add(data)
 
 
 def test_sliding_pushes_give_mu_c_itself():

@@ -28,8 +28,7 @@ def noisy(rng, noise, pushes=16, each=3, choices=None):
 
 def last(data, config=PAPER, **options):
     estimator = Estimator(FEET.truth.points, config, **options)
-    for observation in data:
-        estimate = estimator.add(observation)
+    estimate = estimator.add(data)
     return estimator, estimate
 
 

@@ -85,8 +85,7 @@ def test_impossible_pusher_states_are_refused():
 def test_a_report_survives_the_message(pushes):
     problem = four_feet()
     estimator = Estimator(problem.truth.points)
-    for observation in problem.observations[:pushes]:
-        estimate = estimator.add(observation)
+    estimate = estimator.add(problem.observations[:pushes])
     assert (estimate.spread is None) == (pushes == 1)
     reasons = tuple(Reason(code, f"because of {code}") for code in ReasonCode)
     verdict = Verdict(reasons, (Rejected(3, reasons[-1]),), Change(7, (0.01, -0.02)), reasons[:1])
@@ -113,8 +112,7 @@ def test_without_data_no_number_is_known():
 def test_an_estimate_becomes_a_message_without_loss():
     problem = four_feet()
     estimator = Estimator(problem.truth.points)
-    for observation in problem.observations[:9]:
-        estimate = estimator.add(observation)
+    estimate = estimator.add(problem.observations[:9])
     msg = conversions.estimate_to_msg(EstimateReport.of(estimate, "box"))
     assert msg.status == FrictionEstimate.STATUS_OPTIMAL
     assert (msg.data_points, msg.pushes) == (9, 9)
@@ -128,8 +126,7 @@ def test_an_estimate_becomes_a_message_without_loss():
 def test_the_message_has_the_histogram_and_the_slipping_pushes():
     problem = four_feet()
     estimator = Estimator(problem.truth.points)
-    for observation in problem.observations:
-        estimate = estimator.add(observation)
+    estimate = estimator.add(problem.observations)
     slipping = [observation.push_id in (3, 4, 7) for observation in estimator.observations]
     friction = conversions.estimate_to_msg(EstimateReport.of(estimate, "box", slipping)).contact_friction
     assert (sum(friction.histogram), len(friction.histogram), friction.bin_width) == (40, 41, 0.05)
