@@ -1,20 +1,12 @@
 """Recognition around the core: hypotheses from object files, rankings as messages and JSON, rankings of files."""
 
-import json
-import math
-
 import numpy as np
 import pytest
 from problems import three_feet
-from rclpy.serialization import deserialize_message, serialize_message
 
-from pushfric_core import TABLE_1, EstimatorConfig, Hypothesis, InvalidInput, Observation, Ranking, Recognizer, Twist
+from pushfric_core import TABLE_1, EstimatorConfig, Hypothesis, InvalidInput, Observation, Recognizer, Twist
 from pushfric_core.estimation.batch import recognize
-from pushfric_core.estimation.recognition import Ranked
 from pushfric_core.files.object_file import load_object
-from pushfric_core.report.report import recognition_report, to_json
-from pushfric_msgs.msg import Recognition
-from pushfric_ros.messages.conversions import recognition_to_msg
 
 # a square whose frame has its origin in a corner: its centroid is at (0.05, 0.05)
 SQUARE = """
@@ -80,23 +72,6 @@ def test_objects_of_table_1_bring_the_hypotheses_of_the_paper():
     assert upside_down.support_points == pytest.approx(-TABLE_1["wood_rect3"].support.points)
     assert len(load_object("delrin_square3").hypotheses) == 4
     assert load_object("rubber_rect4").hypotheses == ()
-
-
-@pytest.mark.parametrize(("best", "stated"), [(Ranked("a", 0.25, 1.0), "a"), (Ranked("a", math.inf, math.inf, "why"), None)])
-def test_rankings_survive_message_wire_and_json(best, stated):
-    ranking = Ranking((best, Ranked("b", math.inf, math.inf, "no w has it")), 3, 123456789123456789)
-    msg = deserialize_message(serialize_message(recognition_to_msg(ranking)), Recognition)
-    assert (msg.header.frame_id, msg.header.stamp.nanosec) == ("object", 123456789)
-    assert msg.best == (stated or "")
-    assert json.loads(to_json(recognition_report(ranking))) == {
-        "best": stated,
-        "hypotheses": [
-            {"name": "a", "fit_error": 0.25, "ratio": 1.0, "feasible": True}
-            if stated
-            else {"name": "a", "fit_error": "inf", "ratio": "inf", "feasible": False},
-            {"name": "b", "fit_error": "inf", "ratio": "inf", "feasible": False},
-        ],
-    }
 
 
 def test_files_are_ranked_with_a_line_for_each_data_point_left_out():

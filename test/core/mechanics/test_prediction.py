@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from problems import four_feet, observations_of, square, three_feet
 
-from pushfric_core import Estimator, FrictionModel, Observation, Support, Twist, friction_model, predict, stability
+from pushfric_core import Estimator, FrictionModel, Observation, Support, Twist, friction_model, predict
 from pushfric_core.geometry.planar import left_of
 from pushfric_core.mechanics.prediction import misfit
 from pushfric_core.mechanics.simulation import ContactMode
@@ -38,19 +38,6 @@ def test_what_the_model_cannot_explain_widens_the_spread():
     known = FrictionModel.of(ROD, 0.3, misfit=0.1)
     prediction = predict(known, ((0, 0), (0, 0)), ((0, -1), (0, -1)), ((0, 0.02), (0, -0.02)))
     assert prediction.spread == pytest.approx((0.1, 0.0))  # nothing is unsure of a tip that leaves
-
-
-def test_a_wider_contact_holds_more_centers():
-    model = FrictionModel.of(four_feet().truth, 0.3)
-    rng = np.random.default_rng(4)
-    centers = rng.uniform(-0.5, 0.5, (300, 2))
-    contact, normal = np.tile((0.0, -0.05), (300, 1)), np.tile((0.0, -1.0), (300, 1))
-    shares = [
-        stability(model, contact, normal, np.full(300, half), centers, np.where(centers[:, 0] < 0, 1, -1)).stable.mean()
-        for half in (0.0, 0.01, 0.03)
-    ]
-    assert shares[0] == 0
-    assert 0 < shares[1] < shares[2] < 1
 
 
 def test_the_misfit_of_exact_data_is_nothing():

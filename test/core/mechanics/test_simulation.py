@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pushfric_core import TABLE_1, Outline, Pose, PushedObject, PushingLine, Support, Touch, pushed_motion
+from pushfric_core import TABLE_1, Support, Touch, pushed_motion
 from pushfric_core.geometry.planar import cross, left_of, rotation, velocity_at
 from pushfric_core.mechanics.simulation import ContactMode
 
@@ -58,13 +58,3 @@ def test_forces_balance_and_obey_coulomb(name, mu_c, rng):
 def test_a_tip_that_leaves_the_object_does_not_push_it():
     with pytest.raises(ValueError, match="must move into the object"):
         pushed_motion(ROD, SIDE, np.array((0.0, -0.02)), 0.3)
-
-
-def test_many_small_steps_end_where_few_large_ones_do():
-    ends = []
-    for steps in (1, 500):
-        pushed = PushedObject(Outline.rectangle(0.127, 0.064), TABLE_1["wood_rect4"].support, 0.3, Pose(-0.03, 0.04, 0.1))
-        for step in range(steps):
-            pushed.push(PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.05 * (step + 1) / steps)
-        ends.append(pushed.pose)
-    assert ends[0] == pytest.approx(ends[1], abs=1e-5)

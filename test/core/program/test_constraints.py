@@ -3,7 +3,7 @@ import pytest
 from problems import PROBLEMS, moment, rows_of
 
 from pushfric_core import Observation, Twist, UninformativePush
-from pushfric_core.geometry.support import FreeRadii, support_forces
+from pushfric_core.geometry.support import FreeRadii
 from pushfric_core.program.constraints import Cone, Frictionless, Moment, NormalForce, SensedDirection
 from pushfric_core.solvers.program import fit_error
 
@@ -100,14 +100,3 @@ def test_a_support_exactly_on_the_center_of_rotation_needs_a_radius():
     with pytest.raises(UninformativePush, match="rotated exactly about its support point"):
         rows_of(Moment(), turn, TWO)
     assert np.isfinite(rows_of(Moment(), turn, TWO, free=FreeRadii(0.001, 0.001)).a).all()
-
-
-def test_between_the_radii_supports_are_the_freer_the_nearer():
-    turn = Twist(0.0, 0.0, 2.0)  # about the origin
-    points = np.array(((0.0, 0.0), (0.004, 0.0), (0.0, 0.006), (0.0, -0.009), (0.02, 0.0)))
-    forces = support_forces(points, turn, FreeRadii(0.004, 0.009))
-    assert forces.free == pytest.approx((1, 1, 0.6, 0, 0))
-    assert np.linalg.norm(forces.directions, axis=1) == pytest.approx((0, 0, 0.4, 1, 1))
-    assert forces.directions[2] == pytest.approx((0.4, 0))
-    from_zero = support_forces(points, turn, FreeRadii(0.0, 0.008))
-    assert from_zero.free == pytest.approx((1, 0.5, 0.25, 0, 0))

@@ -11,7 +11,6 @@ from pushfric_core.estimation.push_plan import even_pushes
 from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1
 from pushfric_core.uncertainty import posterior as posterior_module
 from pushfric_core.uncertainty import support_chain
-from pushfric_core.uncertainty.motion_errors import motions
 from pushfric_core.uncertainty.posterior import Sampling
 
 
@@ -84,16 +83,6 @@ def test_it_is_a_function_of_the_data(studied, observations):
     other = Sampling(observations[:40][::-1], studied.support_points, uniform(studied.support_points)).finish()
     assert one.center_of_friction.tobytes() == other.center_of_friction.tobytes()
     assert one.samples.tobytes() == other.samples.tobytes()
-
-
-def test_the_noise_is_that_of_the_camera(studied):
-    radius = 0.05
-    for noise in (FEET, FLAT):
-        found = motions(seen(studied, noise), studied.support_points.mean(axis=0), radius)
-        assert found.seen
-        assert found.links.min() == pytest.approx(-0.5, abs=0.15)
-        # the difference of two means of five frames that share three
-        assert found.noise == pytest.approx((0.4 * noise.position, 0.4 * noise.angle), rel=0.4)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 import math
 
-import numpy as np
 import pytest
 from geometry_msgs.msg import Pose as PoseMsg
 from geometry_msgs.msg import Quaternion
@@ -121,20 +120,6 @@ def test_an_estimate_becomes_a_message_without_loss():
     assert (msg.center_of_friction.x, msg.center_of_friction.y) == tuple(estimate.center_of_friction)
     assert (msg.contact_friction.p90, msg.contact_friction.max) == (estimate.mu_c_p90, estimate.mu_c_max)
     assert msg.gap == estimate.solution.gap
-
-
-def test_the_message_has_the_histogram_and_the_slipping_pushes():
-    problem = four_feet()
-    estimator = Estimator(problem.truth.points)
-    estimate = estimator.add(problem.observations)
-    slipping = [observation.push_id in (3, 4, 7) for observation in estimator.observations]
-    friction = conversions.estimate_to_msg(EstimateReport.of(estimate, "box", slipping)).contact_friction
-    assert (sum(friction.histogram), len(friction.histogram), friction.bin_width) == (40, 41, 0.05)
-    in_first = int(np.sum(estimate.contact_friction < 0.05))
-    assert friction.histogram[0] == in_first > 0
-    assert list(friction.slipping) == [f(estimate.contact_friction[[3, 4, 7]]) for f in (min, max)]
-    assert not conversions.estimate_to_msg(EstimateReport.of(estimate, "box")).contact_friction.slipping
-    assert not conversions.estimate_to_msg(EstimateReport.of(estimate, "box", [False] * 40)).contact_friction.slipping
 
 
 def test_pushfric_core_knows_every_type_of_the_cell_as_it_is_installed():

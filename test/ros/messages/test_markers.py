@@ -19,7 +19,7 @@ from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import OBJECT, TABLE
 from pushfric_core.vision.camera import Camera
 from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg, region_to_msg
-from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers
+from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform, object_transform
 
 NAME = "rubber_rect4"
@@ -32,13 +32,6 @@ def estimate():
     estimator = Estimator(load_object(NAME).support_points)
     last = estimator.add(DATA)
     return estimate_to_msg(EstimateReport.of(last, NAME))
-
-
-def by_namespace(array: MarkerArray) -> dict[str, list[Marker]]:
-    found: dict[str, list[Marker]] = {}
-    for marker in array.markers:
-        found.setdefault(marker.ns, []).append(marker)
-    return found
 
 
 def points(marker):
@@ -57,32 +50,6 @@ def test_all_markers_are_in_the_object_frame_at_the_newest_data_point(estimate):
         assert marker.frame_locked
         assert marker.color.a > 0
         assert max(marker.scale.x, marker.scale.y, marker.scale.z) > 0
-
-
-def test_the_areas_of_the_discs_are_proportional_to_the_weights(estimate):
-    estimate.support_friction.weights = [0.5, 0.3, 0.2] + [0.0] * (len(estimate.support_friction.weights) - 3)
-    discs = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))["support_friction"]
-    assert [disc.id for disc in discs] == [0, 1, 2]
-    areas = [math.pi / 4 * disc.scale.x**2 for disc in discs]
-    assert areas == pytest.approx([share * DISC_SHARE * OUTLINE.polygon.area for share in (0.5, 0.3, 0.2)])
-    assert [disc.type for disc in discs] == [Marker.CYLINDER] * 3
-    for disc, point in zip(discs, estimate.support_friction.support_points, strict=False):
-        assert (disc.pose.position.x, disc.pose.position.y) == (point.x, point.y)
-
-
-@pytest.mark.parametrize("mu", [0.0, 0.5, math.inf])
-def test_the_friction_cone_opens_inwards_by_mu_c_about_the_normal(estimate, mu):
-    estimate.contact_friction.p90 = mu
-    found = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))
-    contact, normal = np.array(DATA[-1].contact_point), np.array(DATA[-1].contact_normal)
-    left, tip, right = points(found["friction_cone"][0])
-    np.testing.assert_array_equal(tip, contact)
-    for edge in (left - tip, right - tip):
-        edge = edge / np.linalg.norm(edge)
-        assert math.acos(np.clip(-edge @ normal, -1, 1)) == pytest.approx(math.atan(mu), abs=2e-3)
-    start, end = points(found["contact_normal"][0])
-    np.testing.assert_array_equal(start, contact)
-    assert (end - start) @ normal == pytest.approx(np.linalg.norm(end - start))
 
 
 def region_markers(*half_planes):
