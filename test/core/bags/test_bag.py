@@ -119,32 +119,6 @@ def test_messages_come_in_log_time_order_and_equal_times_as_written(tmp_path):
     assert [content(m).data for m in Bag(tmp_path / "bag").messages()] == ["first", "second", "third", "fourth"]
 
 
-def test_several_files_are_one_bag(tmp_path):
-    """The bag is split as `ros2 bag record --max-bag-duration` does it."""
-    first, second = write_texts(tmp_path / "first", 3), write_texts(tmp_path / "second", 5)[3:]
-    mcap_of(tmp_path / "second").unlink()
-    with BagWriter(tmp_path / "rest") as writer:
-        writer.add_topic("/cell/text", STRING, [offered(SENSOR_DATA)])
-        for stamp, raw in second:
-            writer.write("/cell/text", stamp, raw)
-    whole = tmp_path / "whole"
-    whole.mkdir()
-    mcap_of(tmp_path / "rest").rename(whole / "whole_1.mcap")
-    mcap_of(tmp_path / "first").rename(whole / "whole_0.mcap")
-    information = yaml.safe_load((tmp_path / "first/metadata.yaml").read_text())
-    inner = information["rosbag2_bagfile_information"]
-    inner["relative_file_paths"] = ["whole_0.mcap", "whole_1.mcap"]
-    inner["message_count"] = inner["topics_with_message_count"][0]["message_count"] = 5
-    (whole / "metadata.yaml").write_text(yaml.safe_dump(information))
-    assert [(m.log_time_ns, m.raw) for m in Bag(whole).messages()] == first + second
-    (topic,) = Bag(whole).summary.topics
-    assert topic.message_count == 5
-    assert [qos.reliability for qos in topic.qos_profiles] == ["reliable", "best_effort"]
-    (whole / "metadata.yaml").unlink()
-    assert len(list(Bag(whole).messages())) == 5
-    assert "numbered by another recorder" in " ".join(Bag(whole).doubts)
-
-
 # --- the layout of rosbag2 ---
 
 
@@ -391,16 +365,6 @@ def test_wrong_calls_of_the_writer(tmp_path):
         writer.flush()
 
 
-@pytest.mark.parametrize("type_name", ["std_msgs/msg/Nothing", "no_such_msgs/msg/String", "String"])
-def test_unknown_types_are_refused(tmp_path, type_name):
-    with BagWriter(tmp_path / "bag") as writer:
-        with pytest.raises(InvalidInput, match=f"message type '{type_name}' is not known here, expected package/msg/Type"):
-            writer.add_topic("/text", type_name, [offered(RELIABLE)])
-        assert not writer.topics
-    with pytest.raises(InvalidInput, match=f"message type '{type_name}' is not installed, expected package/msg/Type"):
-        content(BagMessage("/text", type_name, 0, b""))
-
-
 def test_a_changed_definition_is_noticed(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/text", STRING, [offered(RELIABLE)], "RIHS01_of_another_definition")
@@ -486,18 +450,6 @@ def test_messages_that_are_not_of_ros_2_are_refused(tmp_path):
             InvalidInput, match=r"foreign\.mcap: /foreign is encoded as 'json', expected ROS 2 messages \(cdr\)"
         ):
             use(path)
-
-
-def test_qos_that_is_not_that_of_rosbag2_is_refused(tmp_path):
-    path = tmp_path / "foreign.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start(profile="ros2")
-        schema = writer.register_schema(STRING, "ros2msg", message_types.definition(STRING).encode())
-        writer.register_channel("/text", "cdr", schema, {"offered_qos_profiles": "- reliability: perfect"})
-        writer.finish()
-    with pytest.raises(InvalidInput, match=r"foreign\.mcap: /text has QoS profiles that are not those of rosbag2"):
-        Bag(path)
 
 
 def test_a_file_without_summary_is_whole_and_recovered(tmp_path):

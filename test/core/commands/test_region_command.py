@@ -90,19 +90,6 @@ def test_a_collapsed_region_says_so(tmp_path):
         said("region", path, "--plan", tmp_path / "plan.yaml")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error"),
-    [
-        (["region"], "give a bag, or --object OBJ.yaml or one of delrin_square3"),
-        (["region", "--object", NAME, "--region-margin", "-1"], r"region_margin must lie in \[0.0, 0.1\], got -1.0"),
-        (["region", "none.csv", "--object", NAME], "none.csv: no such file"),
-    ],
-)
-def test_wrong_input_is_refused(arguments, error):
-    with pytest.raises(InvalidInput, match=error):
-        printed(*arguments)
-
-
 def test_slipping_pushes_give_mu_c_itself(data, tmp_path):
     figures = json.loads(said("estimate", data, "--slipping-push", 1, "--slipping-push", 4, "--json"))
     estimator = Estimator(load_object(NAME).support_points)

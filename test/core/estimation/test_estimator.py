@@ -21,17 +21,6 @@ def test_noiseless_data_give_back_the_truth(make):
     assert np.allclose(estimate.w, problem.truth.weights, atol=0.02)
 
 
-def test_every_estimate_is_certified_and_stays_as_it_is():
-    problem = PROBLEMS[0]()
-    estimator = Estimator(problem.outline.grid(5, 5))
-    estimates = [estimator.add(observation) for observation in problem.observations[:10]]
-    assert [estimate.data_points for estimate in estimates] == list(range(1, 11))
-    for estimate in estimates:
-        assert estimate.status is Status.OPTIMAL
-        assert estimate.w.sum() == pytest.approx(1)
-        assert (estimate.w >= 0).all()
-
-
 def test_contact_friction_reaches_the_true_coefficient():
     problem = PROBLEMS[0]()  # made with mu_c = 0.5, slipping pushes among them
     estimate = Estimator(problem.truth.points).add(problem.observations)

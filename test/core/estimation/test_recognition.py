@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from problems import PROBLEMS, observations_of
 
-from pushfric_core import TABLE_1, Estimator, EstimatorConfig, Outline, Pose, PushingLine, Support, Twist, UninformativePush
+from pushfric_core import TABLE_1, Estimator, EstimatorConfig, Outline, Pose, PushingLine, Support, Twist
 from pushfric_core.estimation.push_plan import even_pushes, placement
 from pushfric_core.estimation.recognition import Hypothesis, Ranked, Recognizer
 from pushfric_core.mechanics.simulation import PushedObject
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory
 
 L_SHAPE = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
@@ -118,19 +117,6 @@ def test_an_infeasible_hypothesis_ranks_last_and_says_why():
     alone = Recognizer([outside]).add(problem.observations[0])
     assert alone.best is None
     assert not alone.hypotheses[0].feasible
-
-
-def test_a_data_point_that_one_hypothesis_refuses_reaches_no_other():
-    problem = PROBLEMS[1]()
-    x, y = problem.truth.points[1]
-    about_a_foot = Observation((0.05, 0.0), (0.0, -1.0), Twist(y, -x, 1.0))
-    hypotheses = [Hypothesis("elsewhere", problem.truth.points + 0.011), Hypothesis("feet", problem.truth.points)]
-    recognizer, spared = (Recognizer(hypotheses, EstimatorConfig(cor_radius=0.0)) for _ in range(2))
-    last_ranking(recognizer, problem.observations[:5])
-    with pytest.raises(UninformativePush, match="rotated exactly about its support point"):
-        recognizer.add(about_a_foot)
-    assert recognizer.observations == tuple(problem.observations[:5])
-    assert recognizer.add(problem.observations[5]) == last_ranking(spared, problem.observations[:6])
 
 
 @pytest.mark.parametrize(

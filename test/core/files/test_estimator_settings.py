@@ -1,7 +1,5 @@
 """The estimator's settings are recorded in the bag, and read from it again."""
 
-import math
-
 import numpy as np
 import pytest
 from calls import figures
@@ -44,20 +42,6 @@ def bag_of(folder, text):
 
 def estimated(bag, *options):
     return figures("estimate", bag, "--object", NAME, *options)
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        EstimatorSettings(),
-        UNUSUAL,
-        EstimatorSettings(EstimatorConfig(pull_penalty=math.inf, cor_radius=None)),
-        EstimatorSettings(EstimatorConfig(pull_penalty=2.5, loss="l2")),
-    ],
-)
-def test_settings_survive_their_text(settings):
-    assert EstimatorSettings.from_text(settings.to_text()) == settings
-    assert EstimatorSettings.from_parameters(settings.parameters()) == settings
 
 
 def test_parameters_have_types_that_ros_accepts():

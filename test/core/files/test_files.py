@@ -274,19 +274,3 @@ def test_a_cells_estimator_section_becomes_parameters(write):
     expected = {"cor_radius": "auto", "half_width": 0.0, "window": 7, "terms": ["moment", "cone"], "mu_bound": 1.0}
     assert parameters | expected == parameters
     assert isinstance(parameters["half_width"], float)  # the type that a node needs
-
-
-@pytest.mark.parametrize(
-    ("section", "error"),
-    [
-        ("{half_width: -1}", r"estimator: half_width must lie in \[0.0, 1.0\], got -1.0$"),
-        ("{terms: [moment, moments]}", "estimator: terms must be of moment, .*, force_angle, got the unknown 'moments'$"),
-        ("{terms: [moment, cone]}", "estimator: the term cone needs a mu_bound, .*, got none$"),
-        ("{exclude_pushes: [1, a]}", r"estimator: exclude_pushes must be a list of whole numbers, got \[1, 'a'\]$"),
-        ("{grid: 5}", "estimator: expected any of terms, .*, keep_pushes, model, save, got grid$"),
-    ],
-)
-def test_a_bad_estimator_section_is_refused_in_one_line(write, section, error):
-    with pytest.raises(InvalidInput, match=error) as refusal:
-        load_cell(write(CELL + f"estimator: {section}\n"))
-    assert "\n" not in str(refusal.value)

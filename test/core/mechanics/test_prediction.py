@@ -23,17 +23,6 @@ def test_a_push_through_the_center_translates_without_a_doubt():
     assert prediction.spread == pytest.approx(0)
 
 
-def test_the_motion_is_that_of_the_mean_friction(rng):
-    w, mu_c, share = rng.dirichlet((2.0, 2.0), 3), np.array((0.0, 0.1, 0.9)), np.array((0.3, 0.3, 0.4))
-    model = FrictionModel(ROD.points, w, mu_c, share)
-    for velocity in ((0.01, 0.02), (0.004, 0.02), (0.01, -0.02)):
-        found = predict(model, *BELOW, (velocity,))
-        exact = predict(FrictionModel.of(Support(ROD.points, share @ w), share @ mu_c), *BELOW, (velocity,))
-        assert (found.modes, found.twists[0]) == (exact.modes, pytest.approx(exact.twists[0]))
-        assert found.forces[0] == pytest.approx(exact.forces[0])
-        assert found.samples.twists.shape == (1, 3, 3)
-
-
 def test_what_the_model_cannot_explain_widens_the_spread():
     known = FrictionModel.of(ROD, 0.3, misfit=0.1)
     prediction = predict(known, ((0, 0), (0, 0)), ((0, -1), (0, -1)), ((0, 0.02), (0, -0.02)))

@@ -11,7 +11,7 @@ import yaml
 from pushfric_core import InvalidInput, Outline, Pose
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import transform
-from pushfric_core.pages.drawn_object import MOST, DrawnObject
+from pushfric_core.pages.drawn_object import DrawnObject
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera
 
@@ -82,18 +82,6 @@ def test_what_is_no_object_is_not_saved(file, body, problem):
     with pytest.raises(InvalidInput):
         drawn.save()
     assert file.read_text() == FILE
-
-
-@pytest.mark.parametrize(
-    "body", [b"", b"[]", b'{"outline": 1}', drawing([[0.0, math.nan]]), drawing([[0.0, 1e9]]), drawing([[0, 0]] * (MOST + 1))]
-)
-def test_what_is_no_drawing_changes_nothing(file, body):
-    drawn = DrawnObject(file)
-    before = drawn.figures()
-    with pytest.raises(InvalidInput, match=r"^expected a drawing: .") as raised:
-        drawn.take(body)
-    assert "\n" not in str(raised.value)
-    assert str(drawn.figures()) == str(before)
 
 
 def photograph(pose):

@@ -85,16 +85,6 @@ def test_the_direction_of_the_slip_is_told_from_the_tip():
     assert last(wrong).tip.tolerance > estimate.tip.tolerance
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_noise_does_not_lower_what_sliding_pushes_tell(seed):
-    data = [one for pair in zip(pushes(math.radians(15)), pushes(math.radians(60)), strict=True) for one in pair]
-    data = [replace(push, push_id=number) for number, push in enumerate(data)]
-    mu_c = last(filmed(data, np.random.default_rng(seed))).mu_c
-    assert mu_c.kind is Kind.SLIP
-    assert mu_c.value == pytest.approx(MU, rel=0.1)
-    assert mu_c.low <= MU <= mu_c.high
-
-
 def test_a_push_slides_from_where_its_tip_begins_to():
     estimate = last(pushes(math.radians(60)))
     slip = np.array((0.0, 0.1, -0.1, 0.0, 0.4, 0.5, 0.45, 0.0, 0.3))

@@ -286,21 +286,6 @@ def test_a_point_measured_wrongly_is_named(tmp_path):
         calibrate_table(LENS, [Placement(pixels, points)])
 
 
-@pytest.mark.parametrize(
-    ("content", "text"),
-    [
-        ("u,v,x\n1,2,3\n", "missing column y; expected u, v, x, y"),
-        ("u,v,x,y\n1,2,3,4\n1,2,a,4\n", "line 3: x must be a number, got 'a'"),
-    ],
-)
-def test_a_bad_file_of_points_is_refused(tmp_path, content, text):
-    path = tmp_path / "points.csv"
-    path.write_text(content)
-    with pytest.raises(InvalidInput, match=text) as raised:
-        read_table_points(path)
-    assert str(raised.value).startswith(str(path))
-
-
 def test_the_board_is_printed_to_scale(tmp_path):
     board = Board(5, 4, 0.0365)
     save_board(board, tmp_path / "board.pdf")

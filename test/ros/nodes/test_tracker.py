@@ -117,21 +117,6 @@ def test_publishes_the_pose_at_the_time_of_the_image(cell):
     assert np.linalg.matrix_rank(covariance) == 6
 
 
-def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
-    two = np.maximum(cell.simulation.render(Pose(0.02, 0.05, 0.2)), cell.simulation.render(Pose(0.18, 0.05, 1.0)))
-    for frame in (
-        cell.simulation.render(None),
-        cell.simulation.render(Pose(0.29, 0.05, 0.3)),
-        two,
-        np.full((480, 640), 255, np.uint8),
-    ):
-        cell.send(frame)
-    cell.see(TRUTH)  # frames are processed in order
-    assert len(cell.poses) == 1
-    report = cell.report(frames="5", seen="1", last_reason="saturated or empty frame")
-    assert report.name == "/cell/tracker"
-
-
 def test_diagnostics_say_whether_the_object_is_seen(cell):
     cell.see(TRUTH)
     seen = cell.report(seen="1", object="block", visible="1.0")
