@@ -4,26 +4,22 @@ A failure names the target and the seed, from which `mutated` makes its bytes ag
 """
 
 import atexit
-import contextlib
 import csv
 import functools
 import gzip
 import io
 import itertools
-import logging
 import os
 import pathlib
 import pty
 import select
 import shutil
-import socket
 import tempfile
 import time
 import tty
 import zlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
-from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
@@ -47,7 +43,7 @@ from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig, ViewConfig
+from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig
 from pushfric_core.datasets import cpush, mitpush, zhou2015
 from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -71,7 +67,7 @@ from pushfric_core.vision.camera import Camera, Lens, load_camera, picture_from,
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points
 from pushfric_msgs.msg import FrictionModel, PlanarPose
-from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, SelectPush, StablePushes
+from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import (
     friction_model_to_msg,
     observation_to_msg,
@@ -80,7 +76,6 @@ from pushfric_ros.messages.types import definition
 from pushfric_ros.node_kit.domain import domain
 from pushfric_ros.nodes.planner.answers import Answers
 from pushfric_ros.nodes.planner.known import Known
-from pushfric_ros.view.server import Answer, Request, Server
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 DEMO, EXAMPLE = ROOT / "bags/rubber_rect4", ROOT / "docs/example_cell"
@@ -248,7 +243,6 @@ def targets() -> dict[str, Target]:
             (ValueError,)
         ),
         "domain": Target(_domain, [b"0", b"17", b"232"], (InvalidInput,)),
-        "live view": Target(_visit, VISITS, ()),
         "model": Target(_of_file("model.yaml", _use_model), [_model()], (InvalidInput,)),
     }  # fmt: skip
 
@@ -592,61 +586,3 @@ def _domain(data: bytes, _: pathlib.Path) -> None:
             del os.environ["ROS_DOMAIN_ID"]
         else:
             os.environ["ROS_DOMAIN_ID"] = before
-
-
-HOST = b"Host: 127.0.0.1:8080\r\n"
-
-UPGRADE = (
-    b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
-)
-
-VISITS = [
-    b"GET / HTTP/1.1\r\n" + HOST + b"Origin: http://127.0.0.1:8080\r\n\r\n",
-    b"POST /exclude/3?token=a%20b HTTP/1.1\r\n" + HOST + b"Authorization: Bearer abc\r\nContent-Length: 2\r\n\r\n{}",
-    b"POST /keep/2147483647 HTTP/1.1\r\nHost: [::1]:80\r\nTransfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
-    b"GET /live?token=x HTTP/1.1\r\n" + HOST + UPGRADE + b'\r\n\x81\x8f\0\0\0\0{"looks": false}\x88\x80\0\0\0\0',
-]
-"""What visitors of the live view send, up to the bytes of their WebSocket messages."""
-
-
-@functools.cache
-def _view() -> tuple[Server, list[str]]:
-    """A live view, and what it has logged."""
-    logged: list[str] = []
-
-    class Kept(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            logged.append(record.getMessage() + str(record.exc_info or ""))
-
-    for name in ("tornado.application", "asyncio"):
-        logging.getLogger(name).addHandler(Kept())
-        logging.getLogger(name).propagate = False
-
-    def carried_out(request: Request) -> None:
-        if request.push is not None:
-            SelectPush.Request(push_id=request.push)
-        request.answer(Answer(True, ""))
-
-    server = Server(ViewConfig(port=0), carried_out, lambda looking: None)
-    atexit.register(server.close)
-    return server, logged
-
-
-def _visit(data: bytes, _: pathlib.Path) -> None:
-    """Whatever a visitor sends, the server logs no failure, and serves the next one."""
-    server, logged = _view()
-    place = urlsplit(server.url)
-    for sent in (data, b"GET / HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"):
-        with socket.create_connection((place.hostname, place.port), timeout=SLOW) as visitor:
-            received = b""
-            with contextlib.suppress(ConnectionError):
-                visitor.sendall(sent[:LONGEST_CONVERSATION])
-                if sent is data:
-                    select.select([visitor], [], [], 0.05)  # it may wait for more
-                    visitor.shutdown(socket.SHUT_WR)
-                while part := visitor.recv(65536):
-                    received += part
-    if logged:
-        raise Failure(f"the live view has logged: {logged.pop()[:300]}")
-    if not received.startswith(b"HTTP/1.1 200"):
-        raise Failure(f"the live view answers {received[:60]!r}")

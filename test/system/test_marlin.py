@@ -10,13 +10,11 @@ from calls import wait_until
 from line_stage import DEAD_MAN, LATE, SPEED, LineStage
 from marlin_firmware import SimulatedMarlin
 
-from examples.marlin import Marlin, MarlinConfig
+from examples.marlin import Marlin
 from pushfric_core.pushers.pusher import (
     NotConnected,
     NotReady,
-    PusherConfig,
 )
-from pushfric_core.pushers.serial_checks import Grade
 from pushfric_core.pushers.serial_pusher import Halted
 from pushfric_core.simulated.faulty_line import FaultyLine, once
 
@@ -134,23 +132,3 @@ def test_it_homes(stage: Stage) -> None:
         assert b" G28 X*" in stage.sent
         assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
         assert pusher._last.position == 0.0
-
-
-def test_the_doctor_changes_nothing(stage: Stage) -> None:
-    config = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, 0.05, 0.2)
-    checks = list(MarlinConfig(stage.line.port, connect_timeout=20.0).checks(config, 0.05, SPEED))
-    assert [check.level for check in checks] == [Grade.OK, Grade.OK, Grade.WARNING]
-    assert checks[1].finding == f"Marlin 2.1.2.1 at {stage.line.port}, idle, at 0.0 mm"
-    assert checks[2].advice == "lower pusher.max_speed, 200 mm/s, or raise M203 X"
-    assert set(stage.sent.split(b"\n")) == {b"", b"M115", b"M114 R", b"M503"}
-
-
-def test_a_stop_while_it_homes_halts_the_firmware(stage: Stage) -> None:
-    with contextlib.closing(stage.driver(home=True)) as pusher:
-        stage.push(pusher, FAR)
-        pusher.recover()
-        stage.drive(pusher, lambda: stage.controller.position() < 0.04)
-    assert 0 < stage.rest() < 0.04
-    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=0.5)) as pusher:
-        pusher.connect()
-        stage.fails(pusher, NotConnected, "if it was halted")

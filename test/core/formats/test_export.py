@@ -50,22 +50,6 @@ def test_a_support_that_bears_nearly_all_on_one_point_stands_for_itself():
     assert feet.weights == pytest.approx(support.weights[:2])
 
 
-@pytest.mark.parametrize("name", ["wood_rect4", "triangle"])
-def test_sdf_is_read_by_drake(name, tmp_path):
-    pydrake = pytest.importorskip("pydrake.all", reason="pip install drake: 170 MB")
-    path = written(tmp_path, exported(name, "sdf"))
-    builder = pydrake.DiagramBuilder()
-    plant, _ = pydrake.AddMultibodyPlantSceneGraph(builder, 1e-3)
-    parser = pydrake.Parser(plant)
-    parser.AddModels(str(path))
-    plant.Finalize()
-    context = plant.CreateDefaultContext()
-    feet = len(few_feet(OBJECTS[name][1].support).support.weights)
-    assert plant.num_positions() == feet + 3
-    center = plant.CalcCenterOfMassPositionInWorld(context)
-    assert center[:2] == pytest.approx(OBJECTS[name][1].center_of_friction, abs=1e-3)
-
-
 def test_sdf_names_are_unique_and_its_friction_is_that_of_the_model():
     (text,) = exported("wood_rect4", "sdf").values()
     model = ElementTree.fromstring(text).find("model")

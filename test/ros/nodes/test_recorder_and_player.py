@@ -239,32 +239,23 @@ def test_messages_dropped_by_a_full_queue_are_counted_and_warned_of_once(ros, ou
     assert Bag(tmp_path / "bag").summary.message_count == 1 + QUEUE_DEPTH
 
 
-def test_missing_numbers_of_a_single_publisher_are_losses():
-    losses = Losses(RELIABLE)
-    for number in (7, 8, 11):  # 9 and 10 are missing; earlier ones were not for this subscription
-        losses.count(number, lambda: 1)
-    assert losses.messages == 2
-    for number in (1, 2, None, 1):  # a new publisher, a middleware without numbers, another publisher
+@pytest.mark.parametrize(
+    ("qos", "reported", "numbers", "lost"),
+    [
+        (RELIABLE, 0, (7, 8, 11), 2),  # 9 and 10 are missing; earlier ones were not for this subscription
+        (RELIABLE, 0, (1, 2, None, 1), 0),  # a new publisher, a middleware without numbers, another publisher
+        (RELIABLE, 3, (1, 3), 3),  # what the middleware reports counts once
+        (LATCHED, 3, (1, 70), 0),  # its publisher keeps only the newest message by design
+    ],
+)
+def test_missing_numbers_of_a_single_publisher_are_losses(qos, reported, numbers, lost):
+    losses = Losses(qos)
+    if reported:
+        losses.reported(SimpleNamespace(total_count_change=reported))
+    for number in numbers:
         losses.count(number, lambda: 1)
     losses.count(900, lambda: 2)  # of two publishers, whose numbers mix
-    assert losses.messages == 2
-
-
-def test_a_loss_that_the_middleware_reports_counts_once():
-    losses = Losses(RELIABLE)
-    losses.reported(SimpleNamespace(total_count_change=3))
-    losses.count(1, lambda: 1)
-    losses.count(3, lambda: 1)
-    assert losses.messages == 3
-
-
-def test_of_a_latched_topic_nothing_is_lost():
-    """Its publisher keeps only the newest message, and drops the others by design."""
-    losses = Losses(LATCHED)
-    losses.reported(SimpleNamespace(total_count_change=3))
-    losses.count(1, lambda: 1)
-    losses.count(70, lambda: 1)
-    assert losses.messages == 0
+    assert losses.messages == lost
 
 
 def test_a_loss_that_nobody_promised_to_prevent_is_said_and_no_fault(ros, tmp_path, capfd):

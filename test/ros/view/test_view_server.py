@@ -143,6 +143,25 @@ def test_who_asks_is_told_when_nobody_answers(server, told, monkeypatch):
     assert (request.action, request.push) == ("stop", None)
 
 
+def test_requests_that_are_none_are_refused(server, told):
+    async def visit():
+        for what, method in (
+            ("", "POST"),
+            ("exclude/x", "POST"),
+            ("exclude/12345678901", "POST"),
+            ("stop", "GET"),
+            ("jog", "POST"),
+        ):
+            body = b"" if method == "POST" else None
+            answer = await AsyncHTTPClient().fetch(f"{server.url}{what}", method=method, body=body, raise_error=False)
+            assert answer.code in (404, 405), what
+        large = await AsyncHTTPClient().fetch(f"{server.url}stop", method="POST", body=bytes(100_000), raise_error=False)
+        assert large.code in (400, 413, 599)
+
+    asyncio.run(visit())
+    assert told.requests == []
+
+
 def test_the_server_ends_when_its_visitors_have_the_report(told, tmp_path):
     report = tmp_path / "report.html"
     server = Server(ViewConfig(port=0), told.requests.append, told.looking.append, report)
