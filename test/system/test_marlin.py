@@ -132,3 +132,14 @@ def test_it_homes(stage: Stage) -> None:
         assert b" G28 X*" in stage.sent
         assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
         assert pusher._last.position == 0.0
+
+
+def test_a_stop_while_it_homes_halts_the_firmware(stage: Stage) -> None:
+    with contextlib.closing(stage.driver(home=True)) as pusher:
+        stage.push(pusher, FAR)
+        pusher.recover()
+        stage.drive(pusher, lambda: stage.controller.position() < 0.04)
+    assert 0 < stage.rest() < 0.04
+    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=0.5)) as pusher:
+        pusher.connect()
+        stage.fails(pusher, NotConnected, "if it was halted")
