@@ -92,16 +92,6 @@ def test_the_dictionary_is_the_json_of_the_command_line():
     assert json.dumps(estimate.to_dict())
 
 
-def test_w_as_a_table(estimate):
-    frame = estimate.to_frame()
-    assert list(frame.columns) == ["x", "y", "w", "low", "high"]
-    assert np.array_equal(frame[["x", "y"]], KNOWN.support_points)
-    assert np.array_equal(frame["w"], estimate.w)
-    assert (frame["low"] <= frame["w"]).all()
-    assert (frame["w"] <= frame["high"]).all()
-    assert Estimator(KNOWN.support_points).add(DATA[0]).to_frame()["low"].isna().all()
-
-
 def test_observations_as_a_table_are_read_again(tmp_path):
     full = Observation(
         (0.01, -0.032),

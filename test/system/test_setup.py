@@ -194,24 +194,3 @@ def test_the_cache_of_uv_stays_as_it_is(script, tmp_path, monkeypatch):
     _, numpy_headers, python_headers = re.findall(r'[^";]+', installed.read_text())
     assert (pathlib.Path(numpy_headers) / "numpy/ndarrayobject.h").is_file()
     assert (pathlib.Path(python_headers) / "Python.h").is_file()
-
-
-def test_what_nobody_needs_is_taken_out_of_the_wheels(script, tmp_path, monkeypatch):
-    packages, cached = tmp_path / "lib/python3.11/site-packages", tmp_path / "cached.so"
-    (packages / "one/tests").mkdir(parents=True)
-    (packages / "one/tests/test_all.py").write_text("")
-    (tmp_path / "one.c").write_text("int one(void) { return 1; }")
-    subprocess.run(["g++", "-g", "-shared", "-fPIC", tmp_path / "one.c", "-o", cached], check=True)
-    before = cached.read_bytes()
-    module = packages / "one/one.cpython-311-x86_64-linux-gnu.so"
-    module.hardlink_to(cached)
-    for name in ("libone.so", "libone.so.1", "libone.so.1.2", "libtwo.so", "libtwo.so.1"):
-        (tmp_path / "lib" / name).write_text("other" if name == "libtwo.so.1" else "same")
-    monkeypatch.setattr(script, "VENV", tmp_path)
-    monkeypatch.setattr(script, "STRIPPED", 1000)
-    script.slim()
-    assert [path.name for path in (packages / "one").iterdir()] == [module.name]
-    links = {path.name: str(path.readlink()) for path in (tmp_path / "lib").iterdir() if path.is_symlink()}
-    assert links == {"libone.so": "libone.so.1", "libone.so.1": "libone.so.1.2"}
-    assert cached.read_bytes() == before
-    assert module.stat().st_size < cached.stat().st_size

@@ -353,18 +353,6 @@ def test_an_empty_folder_is_used(tmp_path):
     assert len(list(Bag(tmp_path).messages())) == 2
 
 
-def test_wrong_calls_of_the_writer(tmp_path):
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/text", STRING, [offered(RELIABLE)])
-        with pytest.raises(ValueError, match="topic /text was added before"):
-            writer.add_topic("/text", STRING, [offered(RELIABLE)])
-        with pytest.raises(ValueError, match="topic /other was not added to the bag"):
-            writer.write("/other", 0, b"")
-    writer.close()
-    with pytest.raises(ValueError, match="the bag is closed"):
-        writer.flush()
-
-
 def test_a_changed_definition_is_noticed(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/text", STRING, [offered(RELIABLE)], "RIHS01_of_another_definition")

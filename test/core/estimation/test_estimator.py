@@ -194,16 +194,6 @@ def test_the_loss_l2_is_the_least_squares_fit():
 
 
 @pytest.mark.parametrize(
-    "settings", [{}, {"terms": ("moment", "frictionless")}, {"terms": ("moment", "cone"), "mu_bound": 0.0}]
-)
-def test_a_tie_with_rows_of_zeros_is_broken(settings):
-    push = Observation((0.05, 0.0), (1.0, 0.0), Twist(-1.0, 0.0, 0.0))  # through the middle: it tells nothing of these two
-    estimate = Estimator([(-0.03, 0.0), (0.03, 0.0)], EstimatorConfig(**settings)).add(push)
-    assert estimate.status is Status.OPTIMAL
-    assert estimate.w == pytest.approx((0.5, 0.5))
-
-
-@pytest.mark.parametrize(
     "settings",
     [
         {"pull_penalty": 0.0},

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
 import shapely
-from problems import flat_bar, four_feet, pushed_as_planned
 
 from pushfric_core import FrictionModel, HalfPlanes, Outline, Support, next_pushes, predict, slip_pushes
 from pushfric_core.estimation.push_choice import LIKELY_MU, planned_pushes
-from pushfric_core.estimation.push_plan import even_pushes, planned_contact
-from pushfric_core.estimation.region import HalfPlane, line_of_pushing
+from pushfric_core.estimation.push_plan import planned_contact
+from pushfric_core.estimation.region import HalfPlane
 from pushfric_core.mechanics.simulation import ContactMode
 
 PLATE = Outline.rectangle(0.12, 0.06)
@@ -40,36 +39,6 @@ def test_a_plan_predicts_the_mean_area_it_leaves(rng):
             left = left.intersection(shapely.Polygon(strip))
         areas.append(left.area)
     assert np.mean(areas) == pytest.approx(plan[-1].expected_area, rel=0.05)
-
-
-@pytest.mark.parametrize("make", [four_feet, flat_bar])
-def test_the_next_push_shrinks_faster_than_a_plan_and_a_plan_faster_than_even_pushes(make):
-    """This does not hold on three feet, where one of the even pushes happens to point exactly at p_CF."""
-    problem = make()
-    outline, support = problem.outline, problem.truth
-    count = 8
-
-    def area_after(choose):
-        half_planes = HalfPlanes(outline)
-        for index in range(count):
-            observation, direction = pushed_as_planned(support, outline, choose(half_planes, index), 0.3)
-            region = half_planes.add(line_of_pushing(observation, direction))
-        assert shapely.dwithin(region.polygon, shapely.Point(support.center_of_friction), 1e-6)
-        return region.area
-
-    planned = [one.push for one in planned_pushes(HalfPlanes(outline), count)]
-    even = even_pushes(outline, [-(-count // len(outline.vertices))] * len(outline.vertices))
-    next_one, plan, evenly = (
-        area_after(choose)
-        for choose in (
-            lambda half_planes, _: next_pushes(half_planes)[0].push,
-            lambda _, index: planned[index],
-            lambda _, index: even[index],
-        )
-    )
-    assert next_one < outline.polygon.area / 2 ** (count - 1)
-    assert next_one < plan / 2
-    assert plan < evenly
 
 
 def test_a_collapsed_region_has_no_next_push():

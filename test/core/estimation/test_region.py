@@ -128,18 +128,6 @@ def test_no_point_of_a_fine_grid_violates_less(seed):
     assert len(inside) == 0 or region.area > 0
 
 
-def test_a_margin_widens_the_half_planes_but_not_the_program():
-    """x >= 10 mm and x <= 8 mm contradict each other by 2 mm: a margin of 1.5 mm each is enough, one of 0.9 mm is not."""
-    sides = HalfPlane((1.0, 0.0), 0.010), HalfPlane((-1.0, 0.0), -0.008)
-    region = HalfPlanes(PLATE, margin=0.0015).add(sides)
-    assert (region.collapsed, region.violation) == (False, 0.0)
-    assert region.area == pytest.approx(0.001 * 0.06, rel=1e-4)
-    assert region.center == pytest.approx((0.009, 0.0))
-    region = HalfPlanes(PLATE, margin=0.0009).add(sides)
-    assert region.collapsed
-    assert region.violation == pytest.approx(0.002)
-
-
 def test_a_turn_about_the_contact_has_no_line_of_motion():
     twist = Twist(-0.03, -0.02, 1.0)
     assert not velocity_at(twist, (0.02, -0.03)).any()

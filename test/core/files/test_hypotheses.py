@@ -27,16 +27,6 @@ def load(tmp_path):
     return load
 
 
-def test_a_hypothesis_has_the_supports_of_the_object_by_default(load):
-    model = load(["{name: feet}", "{name: grid, support: {grid: [3, 3]}}", "{name: center, center_of_friction: [0.05, 0.04]}"])
-    feet, grid, center = model.hypotheses
-    assert [hypothesis.name for hypothesis in model.hypotheses] == ["feet", "grid", "center"]
-    assert feet.support_points == pytest.approx(model.support_points)
-    assert feet.center_of_friction is None
-    assert grid.support_points == pytest.approx(model.outline.grid(3, 3))
-    assert center.center_of_friction == pytest.approx((0.05, 0.04))
-
-
 def test_a_rotation_turns_supports_and_center_about_the_centroid(load):
     (turned,) = load(["{name: turned, center_of_friction: [0.05, 0.04], rotation_deg: 90}"]).hypotheses
     assert turned.support_points == pytest.approx(np.array(((0.08, 0.02), (0.08, 0.08), (0.02, 0.05))))

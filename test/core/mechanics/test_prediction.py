@@ -8,7 +8,6 @@ from pushfric_core import Estimator, FrictionModel, Observation, Support, Twist,
 from pushfric_core.geometry.planar import left_of
 from pushfric_core.mechanics.prediction import misfit
 from pushfric_core.mechanics.simulation import ContactMode
-from pushfric_core.uncertainty.contact_friction import Kind
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
 BELOW = (((0.0, 0.0),), ((0.0, -1.0),))
@@ -73,23 +72,6 @@ def test_samples_count_by_the_motions_that_they_predict(rng):
         assert np.ptp(model.share) > 0.01
         # equal weights explain feet of very different loads badly
         assert not np.isclose(model.w, 0.25).all(axis=1).any()
-
-
-def test_mu_c_is_what_explains_the_motions_where_bounds_say_little():
-    problem = four_feet()  # pushed within a cone of 0.5: all tips stick
-    moved = [np.array(one.twist[:2]) + one.twist.omega * left_of(np.array(one.contact_point)) for one in problem.observations]
-    data = [
-        replace(one, push_id=number, tip_velocity=tuple(tip.tolist()))
-        for number, (one, tip) in enumerate(zip(problem.observations, moved, strict=True))
-    ]
-    found = {}
-    for name, seen in (("tips", data), ("none", [replace(one, tip_velocity=None) for one in data])):
-        estimator = Estimator(problem.truth.points)
-        estimate = estimator.add(seen)
-        assert estimate.mu_c.kind is Kind.BOUND
-        found[name] = friction_model(estimate).mean_mu_c
-    assert found["none"] == pytest.approx(0.5, abs=0.03)
-    assert 0.6 < found["tips"] < 1.6  # a lower one would let the tip slide in some of the pushes
 
 
 def test_a_contact_seen_to_leave_the_pusher_counts_as_unexplained():

@@ -349,19 +349,6 @@ def test_homing_is_stopped_by_a_reset(peer):
     assert pusher.mode is Mode.ALARM
 
 
-def test_recovery_resets_and_unlocks(peer):
-    pusher = connect(peer)
-    peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|Pn:X>"
-    drive(pusher, lambda: pusher.mode is Mode.ALARM, peer)
-    peer.heard = b""
-    pusher.recover()
-    drive(pusher, lambda: b"$X" in peer.heard, peer)
-    peer.status = IDLE
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"\x18" + ASKED_AGAIN + b"$X\n"
-    assert pusher.mode is Mode.IDLE
-
-
 def test_a_move_is_a_jog_that_trusts_no_modal_state_and_no_override(peer):
     pusher = connect(peer)
     begin_move(pusher, peer)

@@ -7,8 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 from problems import observations_of
 
-from pushfric_core import TABLE_1, Estimator, LimitSurface, Support
-from pushfric_core.report.figures import limit_surface_figure, summary_figure
+from pushfric_core import TABLE_1, Estimator
+from pushfric_core.report.figures import summary_figure
 
 KNOWN = TABLE_1["rubber_rect4"]
 DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 12, np.random.default_rng(5))
@@ -74,19 +74,3 @@ def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):
     assert labels(axes) == ["90 %: inf", "100 %: inf"]
     assert axes.get_xlim()[1] == pytest.approx(2.05)
     assert axes.get_xticklabels()[-1].get_text() == ">2"
-
-
-def test_the_limit_surface_shows_its_reachable_part_and_its_section(drawn, tmp_path):
-    """Figure 12: the rod on two supports, whose section is the diamond |fy| + |m| / 50 mm = 1."""
-    rod = LimitSurface(Support(0.05 * np.array(((-1, 0), (1, 0))), np.full(2, 1 / 2)))
-    contacts = np.array(((-0.05, 0.0), (0.0, 0.0), (0.05, 0.0)))
-    limit_surface_figure(tmp_path / "figure.pdf", rod, contacts, np.tile((0.0, -1.0), (3, 1)), 0.0)
-    space, section = drawn[0].axes
-    reached = np.array([np.ravel(line.get_data_3d()) for line in space.lines[-3:]])
-    np.testing.assert_allclose(reached, [(0, 0.5, -25), (0, 1, 0), (0, 0.5, 25)], atol=1e-9)
-    exact, axes, fitted = (line.get_xydata() for line in section.lines)
-    np.testing.assert_allclose(np.abs(exact[:, 0]) + np.abs(exact[:, 1]) / 50, 1)
-    np.testing.assert_array_equal(exact[0], exact[-1])
-    np.testing.assert_allclose(axes[:, 0] ** 2 + (axes[:, 1] / 50) ** 2, 1)
-    form = rod.fitted_ellipsoid().form[1:, 1:]
-    np.testing.assert_allclose(np.einsum("ki,ij,kj->k", fitted / (1, 1e3), form, fitted / (1, 1e3)), 1)

@@ -280,26 +280,6 @@ def test_a_tip_that_moves_freely_gives_the_motions_of_the_object():
     assert len({round(np.degrees(np.arctan2(*o.tip_velocity)), 0) for o in found}) > 2  # it did turn
 
 
-def test_a_free_tip_on_a_straight_line_gives_nearly_what_the_line_gives():
-    poses, pushers = samples_of_a_push()
-    expected = feed(Trajectory(OUTLINE), in_time(poses, pushers))
-    # the same places, each on a line of its own, as the noise of a measured velocity makes them
-    tilted = [0.3 * (-1) ** number for number in range(len(pushers))]
-    tips = [
-        PusherSample(
-            s.stamp, 0.0, s.speed, PushingLine(tuple(s.tip.tolist()), (np.sin(a), np.cos(a)), LINE.tip_radius), s.push_id
-        )
-        for s, a in zip(pushers, tilted, strict=True)
-    ]
-    found = feed(Trajectory(OUTLINE), in_time(poses, tips))
-    assert [o.stamp for o in found] == [o.stamp for o in expected]
-    assert [o.twist for o in found] == [o.twist for o in expected]
-    for one, other in zip(found, expected, strict=True):
-        assert one.contact_point == pytest.approx(other.contact_point, abs=2e-4)
-        assert one.contact_normal == other.contact_normal
-        assert one.tip_velocity == pytest.approx(other.tip_velocity, abs=1e-3)
-
-
 def test_the_observations_of_a_free_tip_do_not_depend_on_the_order_of_arrival(rng):
     poses, tips = arm_samples(curved, STAMPS)
     expected = feed(Trajectory(OUTLINE), in_time(poses, tips))

@@ -68,19 +68,6 @@ def test_a_frame_that_is_off_is_told_where_it_is(run):
     assert "of a point at" in first.reason.text
 
 
-def test_a_line_that_is_off_is_told_by_the_moments_and_by_the_tip():
-    rng = np.random.default_rng(3)
-    data = filmed(STUDIED.outline, moved(STUDIED, PUSHES, rng), NOISES["FEET"], rng)
-    off = [
-        replace(one, contact_point=tuple((np.array(one.contact_point) - 0.005 * left_of(one.contact_normal)).tolist()))
-        for one in data
-    ]
-    first = compare(STUDIED.support_points, off).explanations[0]
-    assert first.reason.code == ReasonCode.LINE_OFF_SIDEWAYS
-    assert first.size == pytest.approx(0.005, abs=0.001)
-    assert "mm further to the right" in first.reason.text
-
-
 def test_a_load_that_moved_is_told_with_its_shift_within_the_support():
     rng = np.random.default_rng(5)
     other = STUDIED._replace(support=with_moved_load(STUDIED.support, 0.012, rng))

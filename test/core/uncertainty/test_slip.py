@@ -10,7 +10,7 @@ from problems import four_feet
 
 from pushfric_core import Estimator, Observation, Touch, Twist, pushed_motion
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.uncertainty.contact_friction import ContactForces, Kind, Slip, Tip, coefficient
+from pushfric_core.uncertainty.contact_friction import Kind, Slip
 
 MU = 0.4
 FEET = four_feet()
@@ -100,16 +100,3 @@ def test_a_push_slides_from_where_its_tip_begins_to():
     assert np.isnan(unsure.directions[7:]).all()
     assert [list(Slip)[index] for index in unsure.slips] == [Slip.STICKING] * 7 + [Slip.UNKNOWN] * 2
     assert [list(Slip)[index] for index in replace(tip, slip=-slip).slips[4:7]] == [Slip.RIGHT] * 3
-
-
-def test_sticking_pushes_bound_what_slides_say_from_below():
-    """Three pushes slide at a ratio of 0.1, which is wrong: five others stick at 0.4."""
-    count = 8
-    ratios = np.where(np.arange(count) < 3, 0.1, 0.4)
-    forces = ContactForces(np.ones((count, 1)), -ratios[:, None], np.zeros((count, 1)))
-    slip = np.where(np.arange(count) < 3, 0.5, 0.0)
-    tip = Tip(slip, np.zeros(count), np.full(count, np.nan), np.arange(count, dtype=float))
-    mu_c = coefficient(forces, tip, np.ones((1, 1)))
-    assert mu_c.kind is Kind.SLIP
-    assert mu_c.value == pytest.approx(0.4 - tip.tolerance)
-    assert mu_c.low < 0.1 < 0.4 < mu_c.high

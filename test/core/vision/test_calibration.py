@@ -268,17 +268,6 @@ def test_the_map_says_how_far_places_are_off():
     assert np.mean(squares, axis=0).max() < 2
 
 
-def test_places_of_the_board_are_collected_from_pictures(tmp_path, printed_board):
-    told: list[str] = []
-    for number, roll in enumerate((0.0, 0.0, 0.6)):
-        place = (0.0, 0.0, roll, 0.45, 0.03 * (number == 2), 0.0)
-        cv2.imwrite(str(tmp_path / f"{number}.png"), shown(printed_board, *place))
-    calibration = table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
-    assert [line.split(":")[0] for line in told[:-1]] == ["place 1", "place 2"]
-    assert told[-1] == "1 of 3 pictures left out, the board lies as in a picture before it: 1.png"
-    np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)
-
-
 def test_a_point_measured_wrongly_is_named(tmp_path):
     pixels, points = read_table_points(measured([*WIDE, (330, 240), (320, 100)], tmp_path))
     points[4] += (0.03, 0)

@@ -81,19 +81,6 @@ def test_accuracy(rng, shape, noise, distortion, shadow, bound):
     assert np.abs(errors).max() < 4 * bound
 
 
-def test_accuracy_seen_from_the_side(rng):
-    eye, target = np.array((0.1, -0.35, 0.6)), np.array((*MIDDLE[:2], 0.0))
-    ahead = (target - eye) / np.linalg.norm(target - eye)
-    down = np.cross(ahead, (1.0, 0.0, 0.0))
-    R = np.array(((1.0, 0.0, 0.0), down, ahead))
-    K = np.array(((900.0, 0, 320), (0, 900, 240), (0, 0, 1)))
-    camera = Camera(640, 480, K, np.array(DISTORTED), K @ np.column_stack((R[:, 0], R[:, 1], -R @ eye)))
-    simulation, seen = simulated("L", rng, camera=camera), tracker("L", camera)
-    for _ in range(20):
-        truth = Pose(MIDDLE.x + rng.uniform(-0.03, 0.03), MIDDLE.y + rng.uniform(-0.02, 0.02), rng.uniform(-np.pi, np.pi))
-        assert np.abs(error(seen.track(simulation.render(truth)), truth, "L")).max() < 0.05
-
-
 def test_the_covariance_matches_the_errors(rng):
     simulation, seen = simulated("triangle", rng, noise_sigma=8.0), tracker("triangle")
     distances = []

@@ -14,7 +14,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 from pushfric_core import TABLE_1, Estimator, HalfPlanes, Pose, next_pushes
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.estimation.estimate_report import EstimateReport
-from pushfric_core.estimation.region import HalfPlane
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import OBJECT, TABLE
 from pushfric_core.vision.camera import Camera
@@ -56,21 +55,6 @@ def region_markers(*half_planes):
     region = HalfPlanes(OUTLINE)
     region.add(half_planes)
     return region_to_markers(region_to_msg(region.region(), next_pushes(region), [], 7, NAME), OUTLINE)
-
-
-def test_the_border_of_the_region_is_closed_and_an_arrow_shows_the_next_push():
-    border, arrow = region_markers(HalfPlane((-1.0, 0.0), 0.02))  # x <= -20 mm
-    assert [marker.ns for marker in (border, arrow)] == ["center_of_friction_region", "next_push"]
-    corners = points(border)
-    np.testing.assert_array_equal(corners[0], corners[-1])
-    assert corners.min(axis=0) == pytest.approx((-0.0635, -0.032))
-    assert corners.max(axis=0) == pytest.approx((-0.02, 0.032))
-    start, end = points(arrow)
-    assert end == pytest.approx((0.0635, 0.0))  # from the right, at half its height
-    assert start[0] > end[0]
-    assert start[1] == pytest.approx(0.0)
-    for marker in (border, arrow):
-        assert (marker.header.frame_id, stamp_from_msg(marker.header.stamp), marker.frame_locked) == (OBJECT, 7, True)
 
 
 POSE = PoseWithCovarianceStamped()

@@ -5,14 +5,12 @@ import math
 from enum import Enum
 
 import pytest
-from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.settings import REQUIRED, check_ranges, setting
 from pushfric_ros.node_kit.parameters import declare
-from pushfric_ros.nodes.estimator import EstimatorNode
 
 
 class Color(Enum):
@@ -87,17 +85,3 @@ def test_what_does_not_fit_is_refused(ros, values, words):
     with pytest.raises(InvalidInput) as refusal:
         declared("refusing", **values)
     assert str(refusal.value) == f"/refusing: {words}"
-
-
-def test_every_parameter_can_be_asked_for(ros):
-    """A parameter without a value once made rclpy answer with nothing at all: `ros2 param dump` printed {}."""
-    ros.compose(EstimatorNode(parameter_overrides=[Parameter("object", value="wood_rect4")]))
-    peer = ros.node("peer")
-    clients = {kind: peer.create_client(kind, f"/estimator/{name}") for kind, name in
-               ((ListParameters, "list_parameters"), (GetParameters, "get_parameters"))}  # fmt: skip
-    for client in clients.values():
-        assert client.wait_for_service(10.0)
-    listed = clients[ListParameters].call(ListParameters.Request(), 10.0).result.names
-    values = clients[GetParameters].call(GetParameters.Request(names=listed), 10.0).values
-    assert {"object", "exclude_pushes", "cor_radius"} <= set(listed)
-    assert len(values) == len(listed)

@@ -231,20 +231,6 @@ def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
     assert {"center_of_friction_region", "next_push"} <= {marker.ns for marker in markers[-1].markers}
 
 
-def test_what_is_said_of_mu_c_lags_behind_by_a_share_and_is_complete_at_rest(ros, monkeypatch):
-    """Its cost must not grow with the number of data points; here, two data points already count as many."""
-    monkeypatch.setattr("pushfric_core.uncertainty.spread.EXACT", 2)
-    _, out, estimates = estimator_of_observations(ros)
-    core = Estimator(load_object(NAME).support_points)
-    for observation in DATA:
-        out.publish(observation_to_msg(observation, NAME))
-        last = core.add(observation)
-    ros.wait_for(lambda: estimates and sum(estimates[-1].contact_friction.histogram) == len(DATA), what="all that is said")
-    for msg in estimates:
-        assert msg.data_points - msg.data_points // 2 <= sum(msg.contact_friction.histogram) <= msg.data_points
-    assert (estimates[-1].contact_friction.p90, estimates[-1].contact_friction.max) == (last.mu_c_p90, last.mu_c_max)
-
-
 def wrench_msg(stamp, force):
     msg = WrenchStamped()
     msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), "table"
