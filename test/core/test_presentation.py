@@ -160,12 +160,6 @@ def test_the_picture_shows_the_object_w_the_ellipse_and_the_pushes(estimate):
     assert np.allclose(ellipse.center, 1e3 * estimate.center_of_friction)
 
 
-def test_the_picture_needs_neither_an_outline_nor_observations():
-    for estimate in (Estimator(KNOWN.support_points).estimate(), Estimator(KNOWN.support_points).add(DATA[:2])):
-        estimate.plot(Figure().subplots())
-        assert "<img" in estimate._repr_html_()
-
-
 def test_a_notebook_shows_picture_and_text(estimate, monkeypatch):
     page = estimate._repr_html_()
     assert 'src="data:image/png;base64,' in page

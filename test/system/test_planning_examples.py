@@ -162,14 +162,3 @@ def test_a_node_that_is_missing_is_named(push_to_pose, cell, ros, monkeypatch):
     ros.compose(PlannerNode(namespace="/learned"))
     with pytest.raises(SystemExit, match="error: no estimator in /learned: start the nodes as the first lines"):
         cell(push_to_pose.NAME, "/learned").wait()
-
-
-def test_a_planner_of_another_object_or_without_a_model_ends_the_example(push_to_pose, cell, ros):
-    ros.compose(PlannerNode(namespace="/uniform"))
-    told, other = cell(push_to_pose.NAME, "/uniform"), cell("wood_rect4", "/uniform")
-    told.wait(learns=False)
-    with pytest.raises(SystemExit, match="error: no friction model after the strokes to learn it"):
-        push_to_pose.best_stroke(other, np.zeros(3), np.random.default_rng(0))
-    told.tell(push_to_pose.uniform(told.known))
-    with pytest.raises(SystemExit, match="/uniform/planner/predict_stroke: it knows delrin_rect_right, not wood_rect4"):
-        other.ends(np.zeros((1, 3)), np.zeros((1, 4)))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from problems import four_feet, pushed_as_planned, three_feet
 
-from pushfric_core.estimation import verdict as verdict_room
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.verdict import InputCheck
@@ -149,19 +148,3 @@ def test_half_planes_that_contradict_the_program_are_told():
     assert not verdict.use
     assert aimed(center=TRIANGLE.truth.center_of_friction)[1].use
     assert aimed()[1].use
-
-
-def test_the_half_planes_of_a_long_run_are_thinned(monkeypatch):
-    """A sample is kept that does not depend on the order; it spans the whole run."""
-    monkeypatch.setattr(verdict_room, "LINES", 50)
-    lines = verdict_room._Lines()
-    observation = FEET.observations[0]
-    backwards = verdict_room._Lines()
-    for push_id in range(1000):
-        lines.add(replace(observation, push_id=push_id))
-        backwards.add(replace(observation, push_id=999 - push_id))
-        sides, pushes = lines.sides(FEET.truth.center_of_friction)
-        assert len(pushes) == min(50, push_id + 1)
-    assert (pushes.min() < 100, pushes.max() >= 900) == (True, True)
-    assert set(backwards.sides(FEET.truth.center_of_friction)[1].tolist()) == set(pushes.tolist())
-    assert (sides > 0).all()

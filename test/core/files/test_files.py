@@ -72,16 +72,13 @@ def test_an_object_survives_its_file(write, tmp_path):
     [
         ("name: x\n", "file.yaml: outline: expected a value, got only name$"),
         ("name: x\noutline: [[0, 0], [1, 1], [1, 0], [0, 1]]", "simple polygon"),
-        (TRIANGLE.replace("triangle", "5"), "name: expected a text, in quotes if it looks like a number, got 5$"),
         (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
         (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
-        (TRIANGLE + "support: {spacing: -1}", r"spacing must lie in \(0, 0.15\] m, got -1$"),
         (
             TRIANGLE + "supports: 3",
             "yaml: expected any of the keys name, outline, support, height, hypotheses, got supports$",
         ),
         (TRIANGLE + f"support: {list(range(99))}", r"support: expected keys with values, got \[0, 1, .*, 2\.\.\.$"),
-        (": : :", "not YAML"),
         ("name: 2020-13-45", "not YAML: month must be in 1..12"),
         ("", "yaml: expected keys with values, got nothing$"),
     ],
@@ -109,14 +106,12 @@ def test_observations_are_read_in_order(write):
     ("text", "error"),
     [
         ("contact_x,contact_y\n1,2\n", "missing column normal_x, normal_y, vx, vy, omega, push_id; expected contact_x"),
-        (HEADER, "no data points"),
         (HEADER + ROW + ROW.replace("0.02", "fast"), "line 3: vy must be a number, got 'fast'"),
         (HEADER + ROW.replace("-1", "-0.5"), "line 2: normal_x, normal_y must have length 1"),
         (
             HEADER + ROW.replace("0.05", "0.5"),
             r"line 2: contact_x, contact_y must be within 5 mm of the outline, got \(0.5, 0\) m",
         ),
-        (HEADER + "0.05,0,0,-1,0,0,0,3\n", "line 2: vx, vy, omega of a data point must not be zero"),
         (
             HEADER.strip() + ",tip_vx,tip_vy,force_x,force_y\n" + ROW.strip() + ",1,1,1e10,0\n",
             "line 2: force_x, force_y must lie within",
@@ -199,16 +194,7 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
             CELL.replace("port: /dev/ttyUSB0, ", ""),
             "cell.yaml: pusher: port must be given: serial port of the controller",
         ),
-        (
-            CELL.replace("tip_radius: 0.003", "tip_radius: 0.5"),
-            r"pusher: tip_radius must lie in \[0.0, 0.1\], got 0.5: are these millimetres\?$",
-        ),
-        (CELL.replace("{port", "{axis: Q, port"), "pusher: axis must be X, Y, Z, A, B or C, .* minus sign, got 'Q'$"),
         (CELL.replace("[0, 1]", "[0, 0]"), r"pusher: line_direction must have a length, got \(0, 0\)"),
-        (
-            CELL.replace("{calib", "{tracker: fiducial, calib"),
-            "camera: fiducials must name the YAML file .*, got ''$",
-        ),
         (CELL + "namespace: my cell", "yaml: namespace must be like /cell or /hall/cell_2, got 'my cell'$"),
         (CELL + "recorder: {topics: [tf]}", r"recorder: topics must be 'name .*', got 'tf'$"),
         ("object: rubber_rect4", "camera: calibration must be given: path of the camera's calibration YAML"),

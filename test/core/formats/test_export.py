@@ -12,7 +12,7 @@ import yaml
 from calls import printed
 from exported import OBJECTS
 
-from pushfric_core import Estimator, InvalidInput, Observation, Support, Twist, export
+from pushfric_core import Estimator, InvalidInput, Observation, Twist, export
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object
@@ -41,13 +41,6 @@ def test_a_few_feet_slide_like_the_support(name):
     assert feet.support.center_of_friction == pytest.approx(support.center_of_friction, abs=1e-5)
     assert feet.error.load <= TOLERANCE.load
     assert feet.error.twist <= TOLERANCE.twist
-
-
-def test_a_support_that_bears_nearly_all_on_one_point_stands_for_itself():
-    support = Support([(-0.05, 0.0), (0.05, 0.0), (0.0, 0.02)], [1 - 1e-5, 1e-5, 0.0])
-    feet = few_feet(support).support
-    assert feet.points.tolist() == support.points[:2].tolist()
-    assert feet.weights == pytest.approx(support.weights[:2])
 
 
 def test_sdf_names_are_unique_and_its_friction_is_that_of_the_model():

@@ -168,16 +168,8 @@ def frozen(poses, k):
     return poses[12] if k > 12 else poses[k]
 
 
-def alternating(poses, k):
-    return poses[11 + k % 2] if k > 12 else poses[k]
-
-
 def shifted_along(poses, k):
     return Pose(poses[k].x, poses[k].y + 0.025 * (k > 20), poses[k].theta)
-
-
-def shifted_towards(poses, k):
-    return Pose(poses[k].x, poses[k].y - 0.025 * (k > 20), poses[k].theta)
 
 
 def shifted_across(poses, k):
@@ -192,9 +184,7 @@ def away_from_the_start(poses, k):
     ("fault", "expected"),
     [
         (frozen, "does not follow the pusher: the tip would be ([6-9]|10) mm inside it"),
-        (alternating, "does not follow the pusher: the tip would be ([6-9]|10) mm inside it"),
         (shifted_along, "leaps by 2[5-8] mm"),
-        (shifted_towards, "leaps by 2[2-5] mm"),
         (shifted_across, "leaps by 2[5-8] mm"),
         (away_from_the_start, "moves though the tip is more than 2[45] mm away"),
     ],

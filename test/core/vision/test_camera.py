@@ -124,10 +124,8 @@ def test_camera_info_message_and_back(distortion):
     ("fields", "text"),
     [
         ({"K": np.zeros((3, 3))}, "not calibrated: K must have focal lengths > 0"),
-        ({"K": np.diag((900.0, np.nan, 1.0))}, "K must be finite"),
         ({"width": 0}, "image size must be positive, got 0 x 480"),
         ({"H": np.diag((1.0, 1.0, 0.0))}, "table homography is degenerate"),
-        ({"H": np.zeros((3, 3))}, "table homography is degenerate"),
         ({"H": np.array(((1600.0, 0, 320), (0, 1600, 240), (0, 0, 1)))}, "table homography is mirrored"),
     ],
 )
@@ -140,13 +138,9 @@ def test_an_impossible_camera_is_refused(fields, text):
     ("old", "new", "text"),
     [
         ("table_homography", "homography", "table_homography must hold `data`, a list of 9 numbers, got None"),
-        ("[1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]", "[1280.]", "camera_matrix must hold `data`, a list of 9 numbers"),
         ("[1280., 0., 319.5, 0., 1280., 239.5, 0., 0., 1.]", "[0, 0, 0, 0, 0, 0, 0, 0, 0]", "not calibrated: K is all zero"),
         ("[-0.1, 0.02, 0., 0., 0.]", "[a, b, c, d]", "distortion_coefficients must hold `data`, a list of 4 or 5 or 8 numbers"),
-        ("image_width: 640", "image_width: wide", "image_width must be an integer, got 'wide'"),
         ("plumb_bob", "equidistant", "distortion model must be"),
-        ("-1600.", "1600.", "table homography is mirrored"),
-        ("rows: 3", "rows: [", "not YAML: "),
         (YAML, "just text", "expected a camera YAML with image_width, camera_matrix, ..., got str"),
     ],
 )

@@ -191,8 +191,6 @@ def test_missing_and_old_packages_are_named(monkeypatch):
     [
         ("msg/Hypothesis.msg", "string name # whose\nfloat64 fit_error\nfloat64 ratio\nbool feasible\n", []),
         ("msg/Hypothesis.msg", "string name\nfloat64 fit_error\nbool feasible\n", ["Hypothesis.msg"]),
-        ("msg/Hypothesis.msg", "string name\nfloat32 fit_error\nfloat64 ratio\nbool feasible\n", ["Hypothesis.msg"]),
-        ("msg/Recognition.msg", "std_msgs/Header header\nstring best\nHypothesis[] hypotheses\n", []),
         ("msg/NeverBuilt.msg", "float64 x\n", ["NeverBuilt.msg"]),
         ("srv/SelectObject.srv", "string object\n---\nbool success\nstring message\n", []),
         ("srv/SelectObject.srv", "string object\n---\nbool success\n", ["SelectObject.srv"]),

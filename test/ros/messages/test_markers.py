@@ -11,14 +11,14 @@ from problems import observations_of
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pushfric_core import TABLE_1, Estimator, HalfPlanes, Pose, next_pushes
+from pushfric_core import TABLE_1, Estimator, Pose
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import OBJECT, TABLE
 from pushfric_core.vision.camera import Camera
-from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg, region_to_msg
-from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
+from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg
+from pushfric_ros.messages.markers import estimate_to_markers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform, object_transform
 
 NAME = "rubber_rect4"
@@ -49,12 +49,6 @@ def test_all_markers_are_in_the_object_frame_at_the_newest_data_point(estimate):
         assert marker.frame_locked
         assert marker.color.a > 0
         assert max(marker.scale.x, marker.scale.y, marker.scale.z) > 0
-
-
-def region_markers(*half_planes):
-    region = HalfPlanes(OUTLINE)
-    region.add(half_planes)
-    return region_to_markers(region_to_msg(region.region(), next_pushes(region), [], 7, NAME), OUTLINE)
 
 
 POSE = PoseWithCovarianceStamped()
