@@ -15,7 +15,6 @@ from pushfric_core.files.plan_file import load_plan
 from pushfric_core.plausible import FARTHEST, FASTEST, FASTEST_TURN, LARGEST, LONGEST, STRONGEST
 
 OUTLINE = [[-0.06, -0.04], [0.06, -0.04], [0.06, 0.04], [-0.06, 0.04]]
-IN_MM = [[1e3 * x, 1e3 * y] for x, y in OUTLINE]
 CONTACT = {"contact_x": 0.02, "contact_y": -0.04, "normal_x": 0, "normal_y": -1}
 OBSERVATION = CONTACT | {"vx": 0.001, "vy": 0.02, "omega": 0.1, "push_id": 0}
 MOVED = CONTACT | {"tip_vx": 0.001, "tip_vy": 0.02}

@@ -1,6 +1,5 @@
 """The page of a run: everything is in it, and the files that it offers are those that other commands read."""
 
-import base64
 import http.client
 import json
 import pathlib
@@ -11,10 +10,6 @@ import sys
 
 import pytest
 from calls import printed
-
-from pushfric_core.files.model_file import load_model
-from pushfric_core.files.object_file import load_object
-from pushfric_core.files.observation_file import read_observations
 
 BAG = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
 
@@ -79,13 +74,3 @@ def test_view_serves_the_page_on_this_machine_alone(host, status):
         finally:
             view.send_signal(signal.SIGINT)
         assert view.wait(60) == 130
-
-
-def test_the_downloads_are_read_by_the_commands(page, tmp_path):
-    _, text = page
-    for name, content in re.findall(r'download="([^"]*)" href="data:[^;]*;base64,([^"]*)"', text):
-        (tmp_path / name).write_bytes(base64.b64decode(content))
-    model = load_object("rubber_rect4")
-    assert len(read_observations(tmp_path / "observations.csv", model.outline)) == 72
-    assert load_model(tmp_path / "model.yaml")[1].name == "rubber_rect4"
-    assert "<svg" in (tmp_path / "figure.svg").read_text()

@@ -116,12 +116,6 @@ def test_a_picture_without_the_object_lies_in_the_middle(file):
         drawn.show(np.zeros((48, 64), np.uint8), "photo.png")
 
 
-def test_a_scan_has_the_width_that_is_given(tmp_path):
-    drawn = DrawnObject(tmp_path / "block.yaml", width=0.21)
-    drawn.show(np.zeros((297, 210), np.uint8), "scan.png")
-    assert drawn.figures()["region"] == pytest.approx({"left": -0.105, "bottom": -0.1485, "width": 0.21, "height": 0.297})
-
-
 def rendered(pose):
     """The same, with the lens's distortion along the edges."""
     return SimulatedCamera(CAMERA, np.array(OUTLINE), 0.02, np.random.default_rng(0)).render(pose)
@@ -135,15 +129,6 @@ def test_the_outline_in_a_picture_is_the_first_proposal(tmp_path):
     assert found.height == 0.02
     assert sorted(found.outline.lengths) == pytest.approx(sorted(Outline(OUTLINE).lengths), abs=0.3e-3)
     np.testing.assert_allclose(found.outline.vertices.mean(axis=0), 0.0, atol=0.1e-3)  # about its middle
-
-
-def test_an_outline_is_found_again_in_the_frame_of_the_file(file):
-    file.write_text(FILE.replace("[0.06, -0.04], [0.06, 0.04]", "[0.0605, -0.04], [0.0605, 0.04]"))
-    drawn = DrawnObject(file, CAMERA)
-    drawn.show(rendered(Pose(0.25, 0.12, math.radians(25))), "photo.png")
-    before = drawn.figures()["outline"]
-    drawn.take(json.dumps({"outline": before, "find": True}).encode())
-    np.testing.assert_allclose(drawn.figures()["outline"], OUTLINE, atol=0.3e-3)
 
 
 def test_a_picture_that_shows_no_object_says_so(file):

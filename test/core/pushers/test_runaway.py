@@ -146,15 +146,6 @@ def test_a_line_that_was_damaged_on_its_way_never_leads_the_pusher_off_it(stage,
     assert stage.rest() == rest
 
 
-def test_leaving_the_way_names_where_and_is_a_doubt(stage):
-    pusher = under_way(stage, 0.03)
-    stage.line.to_controller = once(b"X1", b"X9")
-    error = stage.fails(pusher, PusherError)
-    assert "m, off its way from 0.0000 m to 0.0300 m" in str(error)
-    assert error.fault.name == "WAY"
-    assert pusher.doubt == str(error)
-
-
 def test_an_ok_that_was_lost_is_not_waited_for_for_ever(stage):
     pusher = under_way(stage, silence=0.5)
     stage.line.to_host = once(b"ok\r\n", b"")
