@@ -3,14 +3,10 @@
 import ast
 import importlib
 import inspect
-import pathlib
 import subprocess
 import sys
 
 import pushfric_core
-
-README = (pathlib.Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-PACKAGE = pathlib.Path(pushfric_core.__file__).resolve().parents[1]
 
 
 def typed_names():

@@ -12,10 +12,6 @@ PLATE = Outline.rectangle(0.12, 0.06)
 ELL = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
 
 
-def chosen(ranked):
-    return [(one.push.edge, one.push.offset, one.push.angle) for one in ranked]
-
-
 def test_a_plan_predicts_the_mean_area_it_leaves(rng):
     """The prediction is compared with the regions that noiseless outcomes leave for p_CF at many places."""
     plan = planned_pushes(HalfPlanes(ELL, margin=0.003), 5)

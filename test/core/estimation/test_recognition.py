@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from problems import PROBLEMS, observations_of
 
-from pushfric_core import TABLE_1, Estimator, EstimatorConfig, Outline, Pose, PushingLine, Support, Twist
-from pushfric_core.estimation.push_plan import even_pushes, placement
+from pushfric_core import Estimator, EstimatorConfig, Outline, Support, Twist
 from pushfric_core.estimation.recognition import Hypothesis, Ranked, Recognizer
-from pushfric_core.mechanics.simulation import PushedObject
-from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory
 
 L_SHAPE = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))
 TRIANGLE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
@@ -19,8 +16,6 @@ SHAPES = {
     "triangle on three feet": (TRIANGLE, Support([(0.03, 0.03), (0.09, 0.03), (0.03, 0.09)], np.full(3, 1 / 3))),
     "bar on unequal feet": (BAR, Support([(-0.05, -0.02), (0.05, -0.02), (0.05, 0.02), (-0.05, 0.02)], [0.1, 0.2, 0.3, 0.4])),
 }
-LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
-FRAME = round(1e9 / 14)
 FEET_NOISE = np.array((1e-4, 1e-4, np.deg2rad(0.12)))  # of a pose: x, y, theta
 
 
@@ -36,42 +31,10 @@ def centers(points, true):
     return [Hypothesis(name, points, true + offset) for name, offset in offsets.items()]
 
 
-def orientations(name, turns):
-    """The object's feet in each of the orientations [degrees], the true one last."""
-    feet = Hypothesis("feet", TABLE_1[name].support.points)
-    return [replace(feet.turned(np.deg2rad(turn), (0.0, 0.0)), name=str(turn)) for turn in sorted(turns, reverse=True)]
-
-
 def seen(observation, rng):
     """The data point as a camera gives it: smoothed over five frames at 14 Hz, then differenced over two."""
     noise = rng.normal(size=3) * FEET_NOISE * 0.4 * 14 / 2
     return replace(observation, twist=Twist(*(np.array(observation.twist) + noise)))
-
-
-def paths(name):
-    """The true pose of an object of Table 1 in each frame of the paper's pushes, with the position of the tip."""
-    known = TABLE_1[name]
-    found = []
-    for push in even_pushes(known.outline, known.pushes):
-        pushed = PushedObject(known.outline, known.support, known.mu_c, placement(known.outline, push, LINE, 0.0))
-        path = []
-        for position in np.arange(0.0, 0.05, 0.02 / 14):
-            pushed.push(LINE, position)
-            path.append((float(position), pushed.pose))
-        found.append(path)
-    return found
-
-
-def filmed(name, true_paths, rng):
-    """The data points of the pushes, from noisy poses."""
-    trajectory = Trajectory(TABLE_1[name].outline)
-    found, stamp = [], 0
-    for push_id, path in enumerate(true_paths):
-        for position, pose in path:
-            stamp += FRAME
-            found += trajectory.add_pusher(PusherSample(stamp, position, 0.02, LINE, push_id))
-            found += trajectory.add_pose(PoseSample(stamp, Pose(*(pose + rng.normal(size=3) * FEET_NOISE))))
-    return found
 
 
 @pytest.mark.parametrize("shape", SHAPES)

@@ -20,8 +20,6 @@ FILE = ObjectFile(
     support=SupportFile(grid=(6, 6), inset=0.01),
 )
 
-POINT = {"contact": [0, 0], "normal": [-1, 0], "twist": [1, 0, 0], "push_id": 0}
-
 
 def estimated(data):
     model = make_object(FILE, "here")

@@ -13,7 +13,6 @@ from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, parse_status
 from pushfric_core.pushers.pusher import Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
 from pushfric_core.pushers.serial_pusher import StatusReport
-from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
@@ -593,9 +592,3 @@ def test_reconnecting_neither_moves_nor_homes(peer):
         pusher.move_to(0.01, 0.01)
     pusher.recover()
     drive(pusher, lambda: b"$H\n" in peer.heard, peer)
-
-
-@pytest.fixture
-def simulated() -> Iterator[SimulatedGrbl]:
-    with SimulatedGrbl(time.monotonic) as simulated:
-        yield simulated

@@ -2,13 +2,12 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from problems import four_feet
 
-from pushfric_core import Estimator, Observation, Touch, Twist, pushed_motion
+from pushfric_core import Estimator, Observation, Touch, pushed_motion
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.uncertainty.contact_friction import Kind, Slip
 
@@ -37,18 +36,6 @@ def pushes(angle, with_force=False, with_tip=True):
                 )
             )
     return data
-
-
-def filmed(data, rng, count=6, noise=0.05):
-    """Each push seen `count` times in a row. The errors of the poses are this share of the step between two of them, and each
-    motion begins where the one before it ends."""
-    seen = []
-    for push in data:
-        step = float(np.hypot(*push.tip_velocity))
-        errors = noise * step * rng.normal(size=(count + 1, 3)) * (1, 1, 1 / 0.06)
-        for before, after in pairwise(errors):
-            seen.append(replace(push, twist=Twist(*(np.array(push.twist) + after - before).tolist())))
-    return seen
 
 
 def last(data):

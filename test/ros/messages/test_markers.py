@@ -33,10 +33,6 @@ def estimate():
     return estimate_to_msg(EstimateReport.of(last, NAME))
 
 
-def points(marker):
-    return np.array([(point.x, point.y) for point in marker.points])
-
-
 def test_all_markers_are_in_the_object_frame_at_the_newest_data_point(estimate):
     array = deserialize_message(serialize_message(estimate_to_markers(estimate, OUTLINE, DATA[-1])), MarkerArray)
     first, *rest = array.markers

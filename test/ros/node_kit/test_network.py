@@ -15,41 +15,6 @@ pytestmark = pytest.mark.skipif(
     not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="other middlewares have other settings"
 )
 
-SEGMENTS = """
-import json, re
-import rclpy
-from pushfric_ros.node_kit.network import configured
-with configured(images=True):
-    rclpy.init()
-    node = rclpy.create_node("camera")
-sizes = []
-for line in open("/proc/self/maps"):
-    begin, end, path = re.match(r"(\\w+)-(\\w+) .{4} \\w+ \\S+ \\d+ *(.*)", line).groups()
-    if re.match(r"/dev/shm/fast(rtps|dds)_[0-9a-f]{16}$", path):
-        sizes.append(int(end, 16) - int(begin, 16))
-print(json.dumps(sizes))
-"""
-
-CAMERA = """
-import sys, time
-import rclpy
-from sensor_msgs.msg import Image
-from pushfric_ros.node_kit.network import configured
-from pushfric_ros.node_kit.qos import SENSOR_DATA
-with configured(images=True):
-    rclpy.init()
-    output = rclpy.create_node("camera").create_publisher(Image, "/image", SENSOR_DATA)
-while not output.get_subscription_count():
-    time.sleep(0.01)
-sys.stdin.readline()  # the other side has found this one, too
-image = Image(height=480, width=640, encoding="bgr8", step=1920, data=bytes(921600))
-for number in range(10):
-    image.header.stamp.sec = number
-    output.publish(image)
-sys.stdin.read()
-"""
-
-
 SERVES = """
 import json, os, socket, struct, sys, threading
 import rclpy
@@ -143,11 +108,6 @@ def test_fast_dds_is_told_by_the_variable_that_it_knows(unset, monkeypatch, dist
     """Kilted warns about the other variable."""
     monkeypatch.setenv("ROS_DISTRO", distro)
     assert [name in changed() for name in FILE_VARIABLES] == [number == 0, number == 1]
-
-
-def segments() -> list[int]:
-    """Sizes [bytes] of the segments that the middleware maps in a process that publishes images."""
-    return json.loads(subprocess.run([sys.executable, "-c", SEGMENTS], capture_output=True, check=True, timeout=120).stdout)
 
 
 @pytest.mark.parametrize(
