@@ -66,13 +66,6 @@ def test_print_gives_three_lines_for_a_person(estimate):
     assert repr(estimate) == f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from 12 observations of 12 pushes, optimal>"
 
 
-def test_print_names_the_reasons_against_an_estimate():
-    estimate = Estimator(KNOWN.support_points).add(DATA[0])
-    *_, last = str(estimate).splitlines()
-    assert last.startswith("from   1 observation of 1 push; do not use it: p_CF rests on 1 push")
-    assert not estimate.verdict.use
-
-
 def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
     estimator = Estimator(KNOWN.support_points)
     course = [estimator.add(observation) for observation in DATA]
@@ -118,13 +111,6 @@ def test_observations_as_a_table_are_read_again(tmp_path):
     for one, another in zip(read, [*DATA, full], strict=True):
         assert all(getattr(one, name) == getattr(another, name) for name in names)
     pandas.testing.assert_frame_equal(read.to_frame().iloc[:, :13], frame.iloc[:, :13], check_exact=True)
-
-
-def test_a_loaded_bag_brings_its_object_and_settings():
-    recording = load(str(BAG))
-    assert (recording.object.name, len(recording.object.support_points)) == ("rubber_rect4", 15)
-    assert recording.new_estimator().outline == recording.object.outline
-    assert repr(recording) == f"<Recording: {len(recording)} observations of 14 pushes>"
 
 
 def test_load_warns_of_what_is_missing_in_a_damaged_bag(tmp_path):

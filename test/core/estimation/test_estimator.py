@@ -76,17 +76,6 @@ def test_a_penalty_above_the_multiplier_gives_the_hard_optimum():
     assert free.solution.objective < cheap.solution.objective < hard.solution.objective
 
 
-def test_a_known_center_of_friction_is_kept():
-    problem = PROBLEMS[0]()
-    true = problem.truth.center_of_friction
-    fits = []
-    for center in (true, true + (0.005, 0.0), true + (0.01, 0.0)):
-        estimate = Estimator(problem.outline.grid(5, 5), center_of_friction=center).add(problem.observations)
-        assert estimate.center_of_friction == pytest.approx(center, abs=1e-9)
-        fits.append(estimate.solution.objective)
-    assert fits[0] < fits[1] < fits[2]
-
-
 def test_a_center_of_friction_outside_the_supports_is_infeasible():
     problem = PROBLEMS[0]()
     estimate = Estimator(problem.truth.points, center_of_friction=(0.2, 0.0)).add(problem.observations[0])

@@ -43,19 +43,6 @@ def test_a_tip_that_starts_inside_the_object_is_refused_and_one_that_overlaps_it
         predict_strokes(model, known.outline, poses, lines, np.full(3, 0.01))
 
 
-def test_each_sample_goes_its_own_way(rng):
-    known = TABLE_1["wood_rect3"]
-    weights, mu_c = rng.dirichlet(np.ones(3), 3), np.array((0.1, 0.3, 0.9))
-    samples = FrictionModel(known.support.points, weights, mu_c, np.full(3, 1 / 3))
-    together = predict_strokes(samples, known.outline, POSES[:2], LINES[:2], (0.05, 0.06))
-    for index in range(3):
-        alone = FrictionModel(known.support.points, weights[index : index + 1], mu_c[index : index + 1], np.ones(1))
-        single = predict_strokes(alone, known.outline, POSES[:2], LINES[:2], (0.05, 0.06))
-        assert np.allclose(together.poses[:, index], single.poses[:, 0], atol=1e-12)
-    mean = FrictionModel.of(samples.support, samples.mean_mu_c)
-    assert np.allclose(together.means, predict_strokes(mean, known.outline, POSES[:2], LINES[:2], (0.05, 0.06)).means)
-
-
 def test_wrong_arguments_are_named():
     known = TABLE_1["wood_rect3"]
     model = FrictionModel.of(known.support, 0.3)

@@ -138,3 +138,12 @@ def test_a_picture_that_shows_no_object_says_so(file):
     drawn.show(np.full((480, 640), 50, np.uint8), "photo.png")
     with pytest.raises(InvalidInput, match="no outline was found: no object: nothing is brighter than the table"):
         drawn.take(json.dumps({"outline": OUTLINE, "find": True}).encode())
+
+
+def test_an_outline_is_found_again_in_the_frame_of_the_file(file):
+    file.write_text(FILE.replace("[0.06, -0.04], [0.06, 0.04]", "[0.0605, -0.04], [0.0605, 0.04]"))
+    drawn = DrawnObject(file, CAMERA)
+    drawn.show(rendered(Pose(0.25, 0.12, math.radians(25))), "photo.png")
+    before = drawn.figures()["outline"]
+    drawn.take(json.dumps({"outline": before, "find": True}).encode())
+    np.testing.assert_allclose(drawn.figures()["outline"], OUTLINE, atol=0.3e-3)

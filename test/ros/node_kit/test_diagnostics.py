@@ -9,7 +9,7 @@ from geometry_msgs.msg import Point, PointStamped
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import diagnostics
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
-from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.qos import RELIABLE
 
 
 @pytest.fixture
@@ -70,12 +70,3 @@ def test_lost_messages_are_counted(ros, watched, monkeypatch):
         handler.callback(SimpleNamespace(total_count_change=count))
     assert watched.lost == 5
     assert reported(ros, watched, monkeypatch, 11.0)["points lost"] == "5"
-
-
-def test_of_a_publisher_that_promises_less_what_comes_is_taken(ros, node, watched):
-    got = []
-    watched.subscribe(Point, "points", got.append, RELIABLE)
-    out = node.create_publisher(Point, "points", SENSOR_DATA)
-    ros.wait_for(out.get_subscription_count, what="the subscription that is content with best effort")
-    out.publish(Point())
-    ros.wait_for(lambda: got, what="a message")
