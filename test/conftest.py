@@ -143,9 +143,10 @@ class Ros:
         return self.compose(Node(name, **kwargs))
 
     def take_out(self, node) -> None:
-        """Stop spinning a node; the test destroys it."""
+        """Stop spinning a node, once its present callbacks have ended; the test destroys it."""
         self._executor.remove_node(node)
         self._nodes.remove(node)
+        self.wait_for(self._executor.create_task(lambda: None).done, what="the end of the node's callbacks")
 
     def wait_for(self, predicate: Callable[[], object], timeout: float = 60.0, what: str = "the awaited event") -> None:
         """Wait until `predicate` holds. Fail, naming `what`, after `timeout` [s], or at once if a callback raised."""

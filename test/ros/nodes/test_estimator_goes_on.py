@@ -34,7 +34,7 @@ from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.recorder import RecorderNode
 
 START = 10**18
-LONG = 60.0
+LONG = 240.0
 MODEL = load_object(NAME)
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 9, np.random.default_rng(5))
 

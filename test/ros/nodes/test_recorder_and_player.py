@@ -150,6 +150,7 @@ def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
         outputs[2].publish(raw)
     ros.wait_for(lambda: node._bag.message_count == 51, what="51 recorded messages")
     after = node.get_clock().now().nanoseconds
+    ros.take_out(node)
     node.destroy_node()
     texts = list(Bag(tmp_path / "bag").messages(["/cell/text"]))
     assert [message.raw for message in texts] == sent
@@ -171,6 +172,7 @@ def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publis
     ros.wait_for(lambda: {"/cell/observation", "/cell/center_of_friction", "/cell/text"} <= set(node._bag.topics))
     ros.wait_for(lambda: node._bag._counts[node._bag._channels["/cell/text"]] == 1, what="the recorded text")
     ros.wait_for(lambda: node._bag._counts[node._bag._channels["/cell/observation"]] == 1, what="the recorded observation")
+    ros.take_out(node)
     node.destroy_node()
     topics = {topic.name: topic for topic in Bag(tmp_path / "bag").summary.topics}
     # rosidl's file and the middleware agree
@@ -195,6 +197,7 @@ def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs
     ros.wait_for(lambda: node.get_clock().now().nanoseconds == 6 * SECOND, what="the second tick")
     outputs[2].publish(String(data="late"))
     ros.wait_for(lambda: node._bag.message_count == 2, what="the late message")
+    ros.take_out(node)
     node.destroy_node()
     messages = list(Bag(tmp_path / "bag").messages())
     assert [(m.log_time_ns, content(m).data) for m in messages] == [(5 * SECOND, "early"), (6 * SECOND, "late")]
@@ -206,6 +209,7 @@ def test_without_any_tick_nothing_is_lost(ros, outputs, tmp_path):
     outputs[2].publish(String(data="timeless"))
     ros.wait_for(lambda: node._waiting, what="the message")
     assert node._health()[:2] == (Level.WARN, "1 message waiting for a first /clock")
+    ros.take_out(node)
     node.destroy_node()
     assert [m.log_time_ns for m in Bag(tmp_path / "bag").messages()] == [0]
 
@@ -365,6 +369,7 @@ def test_a_bag_that_is_played_and_recorded_again_is_the_same(ros, tmp_path):
     ros.compose(first := recorder(bag=str(tmp_path / "second"), topics=TOPICS))
     node = ros.compose(player(bag=str(tmp_path / "first"), wait_for=NAMES, rate=2.0, clock=False))
     ros.wait_for(lambda: node.done and first._bag.message_count == 90, what="the end of the bag")
+    ros.take_out(first)
     first.destroy_node()
     again = contents(tmp_path / "second")
     # DDS keeps the order within a topic, not between topics
