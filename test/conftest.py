@@ -2,6 +2,7 @@
 
 import contextlib
 import gc
+import importlib
 import os
 import pathlib
 import signal
@@ -70,6 +71,24 @@ def own_interrupts() -> Iterator[None]:
 
 
 @pytest.fixture
+def install(tmp_path, monkeypatch) -> Callable[..., None]:
+    """A function that installs entry points and folders of modules as pip does, for this test and the processes it starts."""
+
+    def installed(entry_points: str, *folders: pathlib.Path) -> None:
+        info = tmp_path / "installed/from_outside-1.0.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: from_outside\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(entry_points)
+        paths = [str(info.parent), *map(str, folders)]
+        for path in paths:
+            monkeypatch.syspath_prepend(path)
+        monkeypatch.setenv("PYTHONPATH", os.pathsep.join((*paths, os.environ.get("PYTHONPATH", ""))))
+        importlib.invalidate_caches()
+
+    return installed
+
+
+@pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
@@ -124,9 +143,10 @@ class Ros:
         return self.compose(Node(name, **kwargs))
 
     def take_out(self, node) -> None:
-        """Stop spinning a node; the test destroys it."""
+        """Stop spinning a node, once its present callbacks have ended; the test destroys it."""
         self._executor.remove_node(node)
         self._nodes.remove(node)
+        self.wait_for(self._executor.create_task(lambda: None).done, what="the end of the node's callbacks")
 
     def wait_for(self, predicate: Callable[[], object], timeout: float = 60.0, what: str = "the awaited event") -> None:
         """Wait until `predicate` holds. Fail, naming `what`, after `timeout` [s], or at once if a callback raised."""

@@ -4,38 +4,35 @@ A failure names the target and the seed, from which `mutated` makes its bytes ag
 """
 
 import atexit
-import contextlib
 import csv
 import functools
 import gzip
 import io
 import itertools
-import logging
 import os
 import pathlib
 import pty
 import select
 import shutil
-import socket
 import tempfile
 import time
 import tty
 import zlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
-from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
 import public_sets
 import rearranged
 from geometry_msgs.msg import Point, Vector3
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
+from pushfric_core import Estimator, InvalidInput, Observation, Pose, PushfricError, Trajectory, Twist, friction_model
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import Decoder, encoder
@@ -46,10 +43,8 @@ from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig, ViewConfig
+from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig
 from pushfric_core.datasets import cpush, mitpush, zhou2015
-from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, save_model
@@ -58,8 +53,6 @@ from pushfric_core.files.observation_file import OPTIONAL, REQUIRED, read_observ
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.files.pushes_file import read_edge_pushes, read_point_pushes
 from pushfric_core.files.yaml_edit import with_values
-from pushfric_core.geometry.planar import Pose, Twist
-from pushfric_core.mechanics.prediction import friction_model
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.table import write_table
@@ -70,13 +63,11 @@ from pushfric_core.pushers.grbl_protocol import parse_status
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import PusherError
 from pushfric_core.report.report import to_json
-from pushfric_core.trajectories.observation import Observation
-from pushfric_core.trajectories.trajectory import Trajectory
-from pushfric_core.vision.camera import Lens, load_camera, picture_from
+from pushfric_core.vision.camera import Camera, Lens, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points
 from pushfric_msgs.msg import FrictionModel, PlanarPose
-from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, SelectPush, StablePushes
+from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import (
     friction_model_to_msg,
     observation_to_msg,
@@ -85,7 +76,6 @@ from pushfric_ros.messages.types import definition
 from pushfric_ros.node_kit.domain import domain
 from pushfric_ros.nodes.planner.answers import Answers
 from pushfric_ros.nodes.planner.known import Known
-from pushfric_ros.view.server import Answer, Request, Server
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 DEMO, EXAMPLE = ROOT / "bags/rubber_rect4", ROOT / "docs/example_cell"
@@ -253,7 +243,6 @@ def targets() -> dict[str, Target]:
             (ValueError,)
         ),
         "domain": Target(_domain, [b"0", b"17", b"232"], (InvalidInput,)),
-        "live view": Target(_visit, VISITS, ()),
         "model": Target(_of_file("model.yaml", _use_model), [_model()], (InvalidInput,)),
     }  # fmt: skip
 
@@ -300,11 +289,8 @@ def _recall(data: bytes, folder: pathlib.Path) -> None:
 
 
 def _model() -> bytes:
-    data = _observations()
-    estimator, known = Estimator(load_object(OBJECT_NAME).support_points), load_object(OBJECT_NAME)
-    for observation in data:
-        estimate = estimator.add(observation)
-    model = make_model(known, estimate, "a test", EstimatorSettings())
+    known = load_object(OBJECT_NAME)
+    model = make_model(known, Estimator(known.support_points).add(_observations()), "a test", EstimatorSettings())
     with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
         path = pathlib.Path(folder) / "model.yaml"
         save_model(model, path)
@@ -380,10 +366,10 @@ def _log() -> bytes:
 
 
 def _camera() -> bytes:
-    lens = "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 500, 240, 0, 0, 1]}"
-    rest = "distortion_model: plumb_bob\ndistortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}"
-    table = "table_homography: {rows: 3, cols: 3, data: [1000, 0, 320, 0, -1000, 240, 0, 0, 1]}"
-    return f"image_width: 640\nimage_height: 480\ncamera_name: camera\n{lens}\n{rest}\n{table}\n".encode()
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / "camera.yaml"
+        save_camera(Camera.looking_down(640, 480, (0.0, 0.0), 0.001), path)
+        return path.read_bytes()
 
 
 def _pictures() -> list[bytes]:
@@ -462,17 +448,8 @@ def _database() -> bytes:
 
 def _uncompressed_bag() -> bytes:
     """Several chunks, as `ros2 bag record` writes them."""
-    encode = encoder(TYPES["observation"])
-    stream = io.BytesIO()
-    writer = Writer(stream, chunk_size=4000, compression=CompressionType.NONE)
-    writer.start(profile="ros2")
-    schema = writer.register_schema(TYPES["observation"], "ros2msg", definition(TYPES["observation"]).encode())
-    channel = writer.register_channel("/cell/observation", "cdr", schema)
-    for stamp in range(20):
-        for observation in _observations():
-            writer.add_message(channel, stamp, encode(observation_to_msg(observation, OBJECT_NAME)), stamp)
-    writer.finish()
-    return stream.getvalue()
+    layout = rearranged.Layout(1, CompressionType.NONE, 4000, False, "libmcap 1.2", False, True, False)
+    return rearranged.files_of(list(Bag(DEMO).messages())[:80], 0, layout)[0]
 
 
 def _recover(path: pathlib.Path) -> None:
@@ -571,8 +548,7 @@ def _questions() -> list[bytes]:
 def _model_message() -> FrictionModel:
     pushed = load_object(OBJECT_NAME)
     estimator = Estimator(pushed.support_points)
-    for observation in _observations():
-        estimate = estimator.add(observation)
+    estimate = estimator.add(_observations())
     return friction_model_to_msg(pushed.name, pushed.outline, estimate, friction_model(estimate), estimator.verdict(estimate))
 
 
@@ -610,61 +586,3 @@ def _domain(data: bytes, _: pathlib.Path) -> None:
             del os.environ["ROS_DOMAIN_ID"]
         else:
             os.environ["ROS_DOMAIN_ID"] = before
-
-
-HOST = b"Host: 127.0.0.1:8080\r\n"
-
-UPGRADE = (
-    b"Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
-)
-
-VISITS = [
-    b"GET / HTTP/1.1\r\n" + HOST + b"Origin: http://127.0.0.1:8080\r\n\r\n",
-    b"POST /exclude/3?token=a%20b HTTP/1.1\r\n" + HOST + b"Authorization: Bearer abc\r\nContent-Length: 2\r\n\r\n{}",
-    b"POST /keep/2147483647 HTTP/1.1\r\nHost: [::1]:80\r\nTransfer-Encoding: chunked\r\n\r\n2\r\n{}\r\n0\r\n\r\n",
-    b"GET /live?token=x HTTP/1.1\r\n" + HOST + UPGRADE + b'\r\n\x81\x8f\0\0\0\0{"looks": false}\x88\x80\0\0\0\0',
-]
-"""What visitors of the live view send, up to the bytes of their WebSocket messages."""
-
-
-@functools.cache
-def _view() -> tuple[Server, list[str]]:
-    """A live view, and what it has logged."""
-    logged: list[str] = []
-
-    class Kept(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            logged.append(record.getMessage() + str(record.exc_info or ""))
-
-    for name in ("tornado.application", "asyncio"):
-        logging.getLogger(name).addHandler(Kept())
-        logging.getLogger(name).propagate = False
-
-    def carried_out(request: Request) -> None:
-        if request.push is not None:
-            SelectPush.Request(push_id=request.push)
-        request.answer(Answer(True, ""))
-
-    server = Server(ViewConfig(port=0), carried_out, lambda looking: None)
-    atexit.register(server.close)
-    return server, logged
-
-
-def _visit(data: bytes, _: pathlib.Path) -> None:
-    """Whatever a visitor sends, the server logs no failure, and serves the next one."""
-    server, logged = _view()
-    place = urlsplit(server.url)
-    for sent in (data, b"GET / HTTP/1.0\r\nHost: 127.0.0.1\r\n\r\n"):
-        with socket.create_connection((place.hostname, place.port), timeout=SLOW) as visitor:
-            received = b""
-            with contextlib.suppress(ConnectionError):
-                visitor.sendall(sent[:LONGEST_CONVERSATION])
-                if sent is data:
-                    select.select([visitor], [], [], 0.05)  # it may wait for more
-                    visitor.shutdown(socket.SHUT_WR)
-                while part := visitor.recv(65536):
-                    received += part
-    if logged:
-        raise Failure(f"the live view has logged: {logged.pop()[:300]}")
-    if not received.startswith(b"HTTP/1.1 200"):
-        raise Failure(f"the live view answers {received[:60]!r}")

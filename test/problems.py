@@ -4,14 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pushfric_core import Constraint, ConstraintRows, Observation, Outline, Support, Touch, pushed_motion
 from pushfric_core.estimation.push_plan import PlannedPush
-from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import Array, rotation, velocity_at
-from pushfric_core.geometry.support import NOT_FREE, FreeRadii, Support, support_forces
-from pushfric_core.mechanics.simulation import pushed_motion
-from pushfric_core.program.constraint_rows import ConstraintRows
-from pushfric_core.program.constraints import Constraint
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core.geometry.support import NOT_FREE, FreeRadii, support_forces
 
 
 class Problem(NamedTuple):

@@ -3,7 +3,6 @@
 import importlib.util
 import json
 import pathlib
-import re
 import subprocess
 import sys
 
@@ -16,13 +15,11 @@ from problems import observations_of
 from pushfric_core import (
     TABLE_1,
     Estimator,
-    InvalidInput,
     MissingPackage,
     Observation,
     Observations,
     Pose,
     Twist,
-    friction_model,
     load,
 )
 from pushfric_core.bags.bag import DamagedBag
@@ -69,27 +66,6 @@ def test_print_gives_three_lines_for_a_person(estimate):
     assert repr(estimate) == f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from 12 observations of 12 pushes, optimal>"
 
 
-def test_print_names_the_reasons_against_an_estimate():
-    estimate = Estimator(KNOWN.support_points).add(DATA[0])
-    *_, last = str(estimate).splitlines()
-    assert last.startswith("from   1 observation of 1 push; do not use it: p_CF rests on 1 push")
-    assert not estimate.verdict.use
-
-
-def test_print_without_observations():
-    assert str(Estimator([(0.0, 0.0), (0.1, 0.0)]).estimate()) == (
-        "no observations yet: any w over the 2 support points is as good as another"
-    )
-
-
-def test_the_verdict_of_an_estimate_is_that_of_its_estimator():
-    wrong = [Observation(o.contact_point, o.contact_normal, Twist(*o.twist[:2], -o.twist.omega), o.push_id) for o in DATA]
-    for data in (DATA, wrong, DATA[:3]):
-        estimator = Estimator(KNOWN.support_points)
-        estimate = estimator.add(data)
-        assert estimate.verdict == estimator.verdict(estimate)
-
-
 def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
     estimator = Estimator(KNOWN.support_points)
     course = [estimator.add(observation) for observation in DATA]
@@ -97,19 +73,6 @@ def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
     for count, estimate in enumerate(course, 1):
         assert estimate.observations == tuple(DATA[:count])
     assert estimator.observations == tuple(DATA[1:]) == estimator.estimate().observations
-
-
-def test_estimates_are_equal_whatever_they_remember(estimate):
-    assert estimate == Estimator(KNOWN.support_points).add(DATA)
-
-
-def test_observations_are_a_sequence():
-    observations = Observations(DATA)
-    assert (len(observations), observations[2], observations[-1]) == (12, DATA[2], DATA[-1])
-    assert isinstance(observations[3:5], Observations)
-    assert observations[3:5] == DATA[3:5]
-    assert hash(observations) == hash(Observations(DATA))
-    assert repr(observations) == "<Observations: 12 observations of 12 pushes>"
 
 
 def test_the_dictionary_is_the_json_of_the_command_line():
@@ -120,21 +83,6 @@ def test_the_dictionary_is_the_json_of_the_command_line():
     assert estimate.to_dict(recording.object.name) == estimation.figures()
     assert estimate.to_dict()["object"] == ""
     assert json.dumps(estimate.to_dict())
-
-
-def test_the_dictionary_needs_an_observation():
-    with pytest.raises(ValueError, match="at least one lower bound"):
-        Estimator([(0.0, 0.0), (0.1, 0.0)]).estimate().to_dict()
-
-
-def test_w_as_a_table(estimate):
-    frame = estimate.to_frame()
-    assert list(frame.columns) == ["x", "y", "w", "low", "high"]
-    assert np.array_equal(frame[["x", "y"]], KNOWN.support_points)
-    assert np.array_equal(frame["w"], estimate.w)
-    assert (frame["low"] <= frame["w"]).all()
-    assert (frame["w"] <= frame["high"]).all()
-    assert Estimator(KNOWN.support_points).add(DATA[0]).to_frame()["low"].isna().all()
 
 
 def test_observations_as_a_table_are_read_again(tmp_path):
@@ -163,31 +111,6 @@ def test_observations_as_a_table_are_read_again(tmp_path):
     for one, another in zip(read, [*DATA, full], strict=True):
         assert all(getattr(one, name) == getattr(another, name) for name in names)
     pandas.testing.assert_frame_equal(read.to_frame().iloc[:, :13], frame.iloc[:, :13], check_exact=True)
-
-
-def test_a_loaded_bag_brings_its_object_and_settings():
-    recording = load(str(BAG))
-    assert (recording.object.name, len(recording.object.support_points)) == ("rubber_rect4", 15)
-    assert recording.new_estimator().outline == recording.object.outline
-    assert repr(recording) == f"<Recording: {len(recording)} observations of 14 pushes>"
-
-
-def test_the_example_of_the_api_document_runs(monkeypatch, capsys):
-    monkeypatch.chdir(ROOT)
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/api.md").read_text(encoding="utf-8"), re.DOTALL)
-    known: dict = {}
-    exec(example, known)
-    assert capsys.readouterr().out == f"{known['estimate']}\n"
-    assert known["motion"].modes[0].value == "sticking"
-
-
-def test_load_says_what_is_missing(tmp_path):
-    (tmp_path / "pushes.csv").write_text("push_id\n")
-    with pytest.raises(InvalidInput, match=r"does not name the pushed object; give object='OBJ.yaml' or one of delrin_square3"):
-        load(tmp_path / "pushes.csv")
-    with pytest.raises(InvalidInput, match=r"none.csv: no such file"):
-        load(tmp_path / "none.csv", object="rubber_rect4")
 
 
 def test_load_warns_of_what_is_missing_in_a_damaged_bag(tmp_path):
@@ -223,21 +146,6 @@ def test_the_picture_shows_the_object_w_the_ellipse_and_the_pushes(estimate):
     assert np.allclose(ellipse.center, 1e3 * estimate.center_of_friction)
 
 
-def test_the_picture_needs_neither_an_outline_nor_observations():
-    for estimate in (Estimator(KNOWN.support_points).estimate(), Estimator(KNOWN.support_points).add(DATA[:2])):
-        estimate.plot(Figure().subplots())
-        assert "<img" in estimate._repr_html_()
-
-
-def test_plot_makes_a_figure_of_pyplot(estimate, monkeypatch):
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    import matplotlib.pyplot as plt
-
-    axes = estimate.plot()
-    assert plt.gca() is axes
-    plt.close(axes.figure)
-
-
 def test_a_notebook_shows_picture_and_text(estimate, monkeypatch):
     page = estimate._repr_html_()
     assert 'src="data:image/png;base64,' in page
@@ -246,16 +154,10 @@ def test_a_notebook_shows_picture_and_text(estimate, monkeypatch):
     assert estimate._repr_html_() == f"<pre>{estimate}</pre>"
 
 
-def test_a_friction_model_rests_on_the_estimate_alone(estimate):
-    assert np.allclose(friction_model(estimate).support.weights.sum(), 1)
-    assert friction_model(estimate) == friction_model(Estimator(KNOWN.support_points).add(DATA))
-
-
 @pytest.mark.parametrize(
     ("code", "said"),
     [
         ("estimate.to_frame()", "to_frame needs the package pandas: pip install 'pushfric_core[pandas]'"),
-        ("data.to_frame()", "to_frame needs the package pandas: pip install 'pushfric_core[pandas]'"),
         ("estimate.plot()", "plot needs the package matplotlib: pip install 'pushfric_core[plot]'"),
         (f"p.load({str(BAG)!r})", f"the bag {BAG} needs the package zstandard: pip install 'pushfric_core[bags]'"),
     ],
@@ -269,17 +171,3 @@ estimate = p.Estimator([[-0.05, 0.0], [0.05, 0.0]]).add(data)
     found = bare(f"{before}\ntry:\n    {code}\nexcept p.MissingPackage as error:\n    print(error)", tmp_path)
     assert found.stdout == f"{said}\n", found.stderr
     assert issubclass(MissingPackage, ImportError)
-
-
-def test_a_csv_is_estimated_without_any_extra(tmp_path):
-    Observations(DATA).to_frame().to_csv(tmp_path / "pushes.csv", index=False)
-    code = """
-from pushfric_core import friction_model, load
-recording = load("pushes.csv", object="rubber_rect4")
-estimate = recording.new_estimator().add(recording)
-print(estimate)
-assert friction_model(estimate).mean_mu_c > 0
-assert estimate._repr_html_().startswith("<pre>")
-"""
-    found = bare(code, tmp_path)
-    assert found.stdout.splitlines()[-1] == "from   12 observations of 12 pushes; may be used", found.stderr

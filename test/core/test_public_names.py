@@ -3,34 +3,10 @@
 import ast
 import importlib
 import inspect
-import pathlib
-import re
 import subprocess
 import sys
-import xml.etree.ElementTree
-
-import pytest
 
 import pushfric_core
-
-README = (pathlib.Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-PACKAGE = pathlib.Path(pushfric_core.__file__).resolve().parents[1]
-
-WITHOUT_OSQP = """
-import importlib, pkgutil, sys
-sys.modules["osqp"] = None  # as if it were not installed
-import pushfric_core
-for module in pkgutil.walk_packages(pushfric_core.__path__, "pushfric_core."):
-    if module.name != "pushfric_core.solvers.osqp":
-        importlib.import_module(module.name)
-from pushfric_core import *
-push = Observation((0.01, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1))
-Estimator([[-0.05, 0.0], [0.05, 0.0]]).add(push)
-try:
-    Estimator([[-0.05, 0.0], [0.05, 0.0]], EstimatorConfig(solver="osqp")).add(push)
-except SolverUnavailable as error:
-    print(error)
-"""
 
 
 def typed_names():
@@ -55,31 +31,6 @@ def test_every_public_name_says_what_it_is():
                 assert inspect.getdoc(getattr(public, member)), f"{name}.{member}"
 
 
-def test_the_example_of_the_readme_runs(capsys):
-    (example,) = [block for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if "pushfric_core" in block]
-    known: dict = {}
-    exec(example, known)
-    estimate = known["estimate"]
-    assert estimate.center_of_friction == pytest.approx((0.013, 0.003), abs=5e-4)
-    assert estimate.confidence == pytest.approx(0.0056, abs=5e-4)
-    assert capsys.readouterr().out == f"{estimate}\n"
-
-
-def test_an_unknown_name_is_an_error():
-    with pytest.raises(AttributeError, match="has no attribute 'Estimater'"):
-        pushfric_core.Estimater  # noqa: B018
-
-
-def test_the_version_is_that_of_the_package():
-    manifest = xml.etree.ElementTree.parse(PACKAGE / "package.xml")
-    assert manifest.findtext("version") == pushfric_core.__version__
-
-
 def test_importing_the_package_loads_nothing_heavy():
     code = "import sys, pushfric_core; print(*{'numpy', 'scipy', 'shapely', 'osqp'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
-
-
-def test_all_but_one_solver_works_without_osqp():
-    run = subprocess.run([sys.executable, "-c", WITHOUT_OSQP], capture_output=True, text=True, check=True)
-    assert run.stdout == "the solver osqp needs the package osqp: pip install 'pushfric_core[osqp]'\n"

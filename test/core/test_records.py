@@ -1,17 +1,12 @@
-from typing import NamedTuple
-
 import numpy as np
-import pytest
 from problems import PROBLEMS
 
 from pushfric_core import ConstraintRows, Ellipsoid, Estimator, HalfPlanes, Hypothesis, LimitSurface, Outline, Support, Twist
 from pushfric_core.geometry.planar import Wrench
 from pushfric_core.geometry.support import support_forces
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.limit_surface import CrossSection
 from pushfric_core.mechanics.simulation import PushedObject
 from pushfric_core.program.least_squares import least_squares_fit
-from pushfric_core.records import comparable
 
 SQUARE = np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
 
@@ -52,24 +47,3 @@ def test_records_compare_by_what_they_hold():
         assert (one == other) is False, type(one)
         assert (one != other) is True, type(one)
         assert one != "something else"
-
-
-@comparable
-class Pair(NamedTuple):
-    array: np.ndarray
-    parts: list
-
-
-@pytest.mark.parametrize(
-    ("other", "equal"),
-    [
-        (Pair(np.zeros(2), [np.ones(3)]), True),
-        (Pair(np.zeros(2), [np.zeros(3)]), False),
-        (Pair(np.zeros(2), []), False),
-        (Pair(np.zeros(3), [np.ones(3)]), False),
-        ((np.zeros(2), [np.ones(3)]), False),
-        (CrossSection(np.zeros(2), [np.ones(3)]), False),
-    ],
-)
-def test_arrays_are_compared_as_a_whole(other, equal):
-    assert (Pair(np.zeros(2), [np.ones(3)]) == other) is equal

@@ -1,6 +1,5 @@
 """A sample of the campaign of faults, with real processes."""
 
-import os
 import pathlib
 import subprocess
 import sys
@@ -10,11 +9,9 @@ import pytest
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
 
 from faults import failing_sync
-from faults.__main__ import DOCUMENT, circumstances, page
-from faults.campaign import Outcome, _problems, attempt, evidence, table
-from faults.cases import CASES, Case
-from faults.cell_run import CellRun, DidNotHappen
-from faults.quota import GROUPS, _group, cpu_quota
+from faults.__main__ import DOCUMENT, page
+from faults.campaign import Outcome, attempt, evidence, table
+from faults.cases import CASES
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.quick], ids=lambda case: case.fault)
@@ -29,77 +26,6 @@ def test_the_document_shows_the_evidence():
     *_, row = table(evidence([[Outcome(case, "exit code 1 after 3 s", "", ("lost",))] for case in CASES[:2]])).splitlines()
     assert row.startswith("| kill -9 of tracker, estimator | started again, or the run ends")
     assert row.endswith(" | exit code 1 after 3 s; lost; lost | 0 of 2 |")
-
-
-def test_each_fault_has_a_name_of_its_own():
-    assert len({case.fault for case in CASES}) == len(CASES)
-
-
-def test_the_table_says_how_it_came_about():
-    tried = [[Outcome(case, "exit code 0", "", ())] for case in CASES[1:]]
-    assert f"Not tried: {CASES[0].fault}." in circumstances(tried, [2.0, 11.0])
-    whole = circumstances([[Outcome(CASES[0], "exit code 0", "", ())], *tried], [2.0, 11.0])
-    assert whole.startswith("Each fault was tried once, on ")
-    assert whole.endswith("load average 2 to 11. No fault was left out.")
-
-
-BUSY = """
-import sys, time
-for line in range({lines}):
-    begin = time.process_time()
-    while time.process_time() < begin + 0.5:
-        pass
-    print("line", line, flush=True)
-"""
-
-
-def test_a_row_waits_for_a_run_that_makes_progress_and_for_no_other(tmp_path, monkeypatch):
-    monkeypatch.setattr("faults.cell_run.RUN_TIMEOUT", 2.0)
-    with CellRun([sys.executable, "-c", BUSY.format(lines=8)], tmp_path) as run:
-        run.wait_for_output("line 7")
-        assert run.wait_for_end() == 0
-    busy, waiting = ([sys.executable, "-c", program] for program in ("while True: pass", "import signal; signal.pause()"))
-    with CellRun(busy, tmp_path) as run, pytest.raises(DidNotHappen, match=r"the end did not come within \d s of CPU time"):
-        run.wait_for_end()
-    monkeypatch.setattr("faults.cell_run.STANDSTILL", 1.0)
-    with CellRun(waiting, tmp_path) as run, pytest.raises(DidNotHappen, match=r"and \d s without any"):
-        run.wait_for_end()
-
-
-def test_a_push_that_was_aborted_for_another_reason_is_a_problem(tmp_path):
-    case = Case("a fault", "nothing", (0,), aborts="the object was not seen")
-    said = "push 2 aborted: the object was not seen for 1.02 s; lost_object is 1 s"
-    for reason, problems in (
-        (said, []),
-        ("push 3 aborted: the pusher refused it", ["push 3 was aborted for another reason: the pusher refused it"]),
-    ):
-        with CellRun([sys.executable, "-c", f"print({reason!r})"], tmp_path) as run:
-            assert list(_problems(case, run, run.wait_for_end())) == problems
-
-
-IMPATIENT = """
-import time
-input()
-begin = time.monotonic()
-while time.process_time() < 0.5:
-    pass
-print(time.monotonic() - begin)
-"""
-
-
-def test_a_quota_leaves_a_share_of_a_processor(tmp_path):
-    """By a control group, so that no other test is slowed down; busy processes take the place of one where there is none."""
-    try:
-        with _group(10):
-            pass
-    except OSError as error:
-        pytest.skip(f"no control group can be made: {error}")
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    with subprocess.Popen([sys.executable, "-c", IMPATIENT], **pipes) as process, cpu_quota(10, process.pid) as how:
-        took = float(process.communicate("\n")[0])
-    assert how == "a control group with 10 % of a processor"
-    assert took > 2.0  # s, for half a second of CPU time
-    assert not list(GROUPS.glob(f"**/pushfric-{os.getpid()}"))
 
 
 FINISHING = """

@@ -11,6 +11,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from calls import PROGRAM
 
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands.recorded_run import left_behind
@@ -60,18 +61,8 @@ def test_ctrl_c_says_that_no_calibration_was_written(tmp_path):
     (tmp_path / "pictures").mkdir()
     cv2.imwrite(str(tmp_path / "pictures/1.png"), np.zeros((48, 64), np.uint8))
     before = (tmp_path / "camera.yaml").read_text()
-    command = [
-        sys.executable,
-        "-m",
-        "pushfric_core",
-        "calibrate",
-        "table",
-        "pictures",
-        "--camera",
-        "camera.yaml",
-        "--view",
-        "0",
-    ]
+    arguments = ["calibrate", "table", "pictures", "--camera", "camera.yaml", "--view", "0"]
+    command = [*PROGRAM, *arguments]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as clicking:
         assert clicking.stderr.readline().startswith("view: http://127.0.0.1:")
         clicking.send_signal(signal.SIGINT)
@@ -121,6 +112,7 @@ def test_ctrl_c_during_a_run_waits_for_its_end_and_afterwards_for_nothing():
 
 
 def test_a_bag_that_is_left_is_named_with_its_pushes(tmp_path):
+    assert left_behind(tmp_path / "bag") == "interrupted before there was a bag"
     shutil.copytree(RECORDED, tmp_path / "bag")
     expected = f"bag left in {tmp_path}/bag (pushes: 14); ./pushfric estimate {tmp_path}/bag reads it"
     assert left_behind(tmp_path / "bag") == expected
@@ -132,13 +124,6 @@ def test_a_bag_that_gives_no_estimate_says_why(tmp_path):
     recording.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     said = left_behind(tmp_path / "bag")
     assert said.startswith(f"bag left in {tmp_path}/bag, which gives no estimate: {tmp_path}/bag: the bag is damaged, ")
-
-
-@pytest.mark.parametrize("there", [False, True])
-def test_without_a_bag_nothing_is_said_to_be_left(tmp_path, there):
-    if there:
-        (tmp_path / "bag").mkdir()
-    assert left_behind(tmp_path / "bag") == "interrupted before there was a bag"
 
 
 HELD_BACK = """
@@ -161,7 +146,7 @@ def cpu_time(process):
     return int(pathlib.Path(f"/proc/{process.pid}/schedstat").read_text().split()[0]) * 1e-9
 
 
-@pytest.mark.parametrize("seconds", np.linspace(0.002, 0.35, 16).round(3))
+@pytest.mark.parametrize("seconds", np.linspace(0.002, 0.35, 10).round(3))
 def test_ctrl_c_is_quiet_after_any_time(seconds):
     command = [ROOT / "pushfric", "estimate", RECORDED]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as early:
@@ -171,28 +156,3 @@ def test_ctrl_c_is_quiet_after_any_time(seconds):
         said = early.communicate(timeout=120)
     # the shell that reads the first line of the script dies of the signal itself
     assert (early.returncode, *said) in ((130, "", ""), (-signal.SIGINT, "", ""))
-
-
-SWALLOWED = """
-import os, signal
-from pushfric_ros.commands import run
-
-class Swallowing:
-    def __del__(self):
-        os.kill(os.getpid(), signal.SIGINT)
-
-def load_cell(_):
-    Swallowing()
-    print("went on", flush=True)
-
-run.load_cell = load_cell
-import sys
-sys.argv[1:] = ["run", "none.yaml"]
-from pushfric_core.__main__ import main
-main()
-"""
-
-
-def test_ctrl_c_in_a_destructor_ends_the_command():
-    ended = subprocess.run([sys.executable, "-c", SWALLOWED], capture_output=True, text=True, timeout=60)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")

@@ -1,24 +1,20 @@
 """The example of a driver for a line protocol, on a line that can fail, with simulated firmware."""
 
 import contextlib
-import functools
-import operator
-import re
 import time
 from collections.abc import Callable, Iterator
 from typing import ClassVar
 
 import pytest
+from calls import wait_until
 from line_stage import DEAD_MAN, LATE, SPEED, LineStage
 from marlin_firmware import SimulatedMarlin
 
-from examples.marlin import Marlin, MarlinConfig
+from examples.marlin import Marlin
 from pushfric_core.pushers.pusher import (
     NotConnected,
     NotReady,
-    PusherConfig,
 )
-from pushfric_core.pushers.serial_checks import Grade
 from pushfric_core.pushers.serial_pusher import Halted
 from pushfric_core.simulated.faulty_line import FaultyLine, once
 
@@ -69,28 +65,6 @@ def stage_of(**options) -> Iterator[Stage]:
         yield Stage(controller, line)
 
 
-@pytest.mark.parametrize("axis", ["X", "-X"])
-def test_a_stroke_ends_where_it_was_sent(stage: Stage, axis: str) -> None:
-    with contextlib.closing(stage.driver(axis=axis)) as pusher:
-        reports = stage.push(pusher)
-        assert abs(stage.controller.position()) == pytest.approx(FAR, abs=STEP)
-        assert reports[-1].position == pytest.approx(FAR, abs=ROUNDED)
-        assert max(report.speed for report in reports) <= 1.05 * SPEED  # positions are rounded
-        stage.push(pusher, 0.0, 0.05)
-        assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
-
-
-def test_every_line_of_a_stroke_has_a_number_and_a_checksum(stage: Stage) -> None:
-    with contextlib.closing(stage.driver()) as pusher:
-        stage.push(pusher)
-    numbers = []
-    for text, number, checksum in re.findall(rb"(N(\d+) G\d[^*\n]*)\*(\d+)\n", stage.sent):
-        assert functools.reduce(operator.xor, text) == int(checksum)
-        numbers.append(int(number))
-    assert numbers == sorted(set(numbers))
-    assert not re.search(rb"^G\d", stage.sent, re.MULTILINE)
-
-
 def test_a_stop_is_immediate_and_keeps_the_position(stage: Stage) -> None:
     with contextlib.closing(stage.driver()) as pusher:
         stage.under_way(pusher)
@@ -116,15 +90,6 @@ def test_a_damaged_line_is_refused_and_sent_again(stage: Stage, old: bytes, new:
         assert stage.sent.count(b"G90*") == 1  # it was the same stroke
 
 
-@pytest.mark.parametrize("late", [0.3, 0.4])
-def test_late_answers_count_as_those_of_their_own_lines(stage: Stage, late: float) -> None:
-    """Two questions may still be unanswered when the driver connects again."""
-    stage.line.delay_to_host = late
-    with contextlib.closing(stage.driver()) as pusher:
-        assert pusher.limits.max_speed < 1.0
-        assert stage.push(pusher, 0.02)[-1].position == pytest.approx(0.02, abs=STEP)
-
-
 def test_a_firmware_that_reports_planned_positions_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     with stage_of(real_positions=False) as stage, contextlib.closing(stage.driver()) as pusher:
         now = time.monotonic()
@@ -147,9 +112,7 @@ def test_a_halted_firmware_says_so(stage: Stage) -> None:
 @pytest.mark.parametrize("gone", [-1.0, 0.001], ids=["before it begins", "in motion"])
 def test_a_moving_pusher_is_stopped_when_it_is_found(stage: Stage, gone: float) -> None:
     stage.line.tell_controller(b"G1 X80 F600\n")
-    deadline = time.monotonic() + 60
-    while stage.controller.position() < gone:
-        assert time.monotonic() < deadline
+    wait_until(lambda: stage.controller.position() >= gone)
     with contextlib.closing(stage.driver()) as pusher:
         assert stage.rest() < 0.08
         assert pusher.doubt == "it moved when it was found"
@@ -169,28 +132,6 @@ def test_it_homes(stage: Stage) -> None:
         assert b" G28 X*" in stage.sent
         assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
         assert pusher._last.position == 0.0
-
-
-def test_the_doctor_changes_nothing(stage: Stage) -> None:
-    config = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, 0.05, 0.2)
-    checks = list(MarlinConfig(stage.line.port, connect_timeout=20.0).checks(config, 0.05, SPEED))
-    assert [check.level for check in checks] == [Grade.OK, Grade.OK, Grade.WARNING]
-    assert checks[1].finding == f"Marlin 2.1.2.1 at {stage.line.port}, idle, at 0.0 mm"
-    assert checks[2].advice == "lower pusher.max_speed, 200 mm/s, or raise M203 X"
-    assert set(stage.sent.split(b"\n")) == {b"", b"M115", b"M114 R", b"M503"}
-
-
-@pytest.mark.parametrize("setting", [b"M92", b"M201", b"M203"])
-def test_impossible_settings_are_refused(stage: Stage, setting: bytes) -> None:
-    stage.line.to_host = lambda data: re.sub(setting + rb" X[\d.]+", setting + b" X0.00", data)
-    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=20.0)) as pusher:
-        pusher.connect()
-        stage.fails(pusher, NotConnected, rf"is set to {setting.decode()} X0, expected a positive number")
-
-
-def test_an_axis_that_marlin_does_not_report_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"axis must be X, Y or Z, or one of them with a minus sign, got '-A'"):
-        MarlinConfig("/dev/none", axis="-A")
 
 
 def test_a_stop_while_it_homes_halts_the_firmware(stage: Stage) -> None:

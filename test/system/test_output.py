@@ -7,11 +7,11 @@ import subprocess
 import sys
 
 import pytest
+from calls import PROGRAM
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 RECORDED = str(ROOT / "bags/rubber_rect4")
 NODE = "import sys; sys.argv[0] = 'recorder_node'; from pushfric_ros.node_kit.executable import main; main()"
-COMMAND = [sys.executable, "-m", "pushfric_core"]
 
 
 @contextlib.contextmanager
@@ -31,11 +31,9 @@ def closed_pipe():
 SINKS = [(full_disk, "No space left on device"), (closed_pipe, "Broken pipe")]
 
 PROGRAMS = [
-    [*COMMAND, "--version"],
-    [*COMMAND, "region", "--help"],
-    [*COMMAND, "estimate", RECORDED],
-    [*COMMAND, "estimate", RECORDED, "--json"],
-    [*COMMAND, "bag", "verify", RECORDED],
+    [*PROGRAM, "--version"],
+    [*PROGRAM, "estimate", RECORDED, "--json"],
+    [*PROGRAM, "bag", "verify", RECORDED],
     [sys.executable, "-c", NODE, "--help"],
     [sys.executable, str(ROOT / "faults"), "--help"],
 ]
@@ -52,14 +50,14 @@ def test_lost_output_is_one_line(program, sink, why):
 @pytest.mark.parametrize(("sink", "why"), SINKS)
 def test_a_refusal_that_cannot_be_printed_is_an_exit_code(sink, why):
     with sink() as stderr:
-        ended = subprocess.run([*COMMAND, "estimate", "none"], stdout=subprocess.PIPE, stderr=stderr, text=True, timeout=120)
+        ended = subprocess.run([*PROGRAM, "estimate", "none"], stdout=subprocess.PIPE, stderr=stderr, text=True, timeout=120)
     assert ended.returncode == 1
     assert ended.stdout == ""
 
 
 def test_closed_streams_are_not_taken_by_files():
     ended = subprocess.run(
-        ["bash", "-c", '"$@" >&-', "-", *COMMAND, "bag", "verify", RECORDED], capture_output=True, text=True, timeout=120
+        ["bash", "-c", '"$@" >&-', "-", *PROGRAM, "bag", "verify", RECORDED], capture_output=True, text=True, timeout=120
     )
     assert (ended.returncode, ended.stderr) == (1, "error: stdout cannot be written: Bad file descriptor\n")
 

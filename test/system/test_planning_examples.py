@@ -7,12 +7,11 @@ import sys
 
 import numpy as np
 import pytest
+from calls import printed as said
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from typer.testing import CliRunner
 
-from pushfric_core.commands.cli import app
 from pushfric_msgs.msg import FrictionEstimate
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
@@ -94,7 +93,7 @@ def test_a_sampling_planner_nears_the_goal_with_the_planner_node(around_obstacle
     for name, value in {"ROLLOUTS": 48, "ROUNDS": 2, "STEP": 0.01, "FIRST": 3}.items():
         monkeypatch.setattr(around_obstacle, name, value)
     given = {"object": around_obstacle.NAME, "source": "observations"}
-    parameters = [Parameter(name, value=value) for name, value in given.items()]
+    parameters = overrides(given)
     ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=parameters), PlannerNode(namespace="/cell"))
     node = Node("around_obstacle", namespace="/cell")
     outcome = around_obstacle.reach(node, strokes=6, seed=1, pace=0.0)
@@ -110,8 +109,7 @@ def test_scenes_of_the_ensemble_differ(monkeypatch, tmp_path, capsys):
     import randomised_mujoco
 
     model = tmp_path / "model.yaml"
-    run = CliRunner().invoke(app, ["estimate", str(EXAMPLES.parent / "bags/rubber_rect4"), "--save", str(model)])
-    assert run.exit_code == 0, run.output
+    said("estimate", EXAMPLES.parent / "bags/rubber_rect4", "--save", model)
     monkeypatch.setattr(randomised_mujoco, "LENGTH", 0.01)
     randomised_mujoco.main([str(model), "--samples", "2"])
     first, second, last = capsys.readouterr().out.splitlines()
@@ -125,7 +123,7 @@ def test_the_planner_brings_the_object_nearer(push_to_pose, ros, monkeypatch, tm
     for name, value in small.items():
         monkeypatch.setattr(push_to_pose, name, value)
     given = {"object": push_to_pose.NAME, "source": "observations"}
-    parameters = [Parameter(name, value=value) for name, value in given.items()]
+    parameters = overrides(given)
     planners = [PlannerNode(namespace=f"/{name}") for name in push_to_pose.TOLD]
     ros.compose(EstimatorNode(namespace="/learned", parameter_overrides=parameters), *planners)
     nodes = {name: Node("push_to_pose", namespace=f"/{name}") for name in push_to_pose.TOLD}
@@ -164,14 +162,3 @@ def test_a_node_that_is_missing_is_named(push_to_pose, cell, ros, monkeypatch):
     ros.compose(PlannerNode(namespace="/learned"))
     with pytest.raises(SystemExit, match="error: no estimator in /learned: start the nodes as the first lines"):
         cell(push_to_pose.NAME, "/learned").wait()
-
-
-def test_a_planner_of_another_object_or_without_a_model_ends_the_example(push_to_pose, cell, ros):
-    ros.compose(PlannerNode(namespace="/uniform"))
-    told, other = cell(push_to_pose.NAME, "/uniform"), cell("wood_rect4", "/uniform")
-    told.wait(learns=False)
-    with pytest.raises(SystemExit, match="error: no friction model after the strokes to learn it"):
-        push_to_pose.best_stroke(other, np.zeros(3), np.random.default_rng(0))
-    told.tell(push_to_pose.uniform(told.known))
-    with pytest.raises(SystemExit, match="/uniform/planner/predict_stroke: it knows delrin_rect_right, not wood_rect4"):
-        other.ends(np.zeros((1, 3)), np.zeros((1, 4)))

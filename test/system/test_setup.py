@@ -123,15 +123,6 @@ def test_a_misspelt_command_is_refused_before_the_set_up(workspace, word, meant)
     assert not (workspace / ".colcon").exists()
 
 
-def test_a_shells_completion_starts_no_set_up(workspace):
-    asked = {name: value for name, value in os.environ.items() if name != "AMENT_PREFIX_PATH"} | {
-        "_PUSHFRIC_COMPLETE": "complete_bash"
-    }
-    done = subprocess.run([workspace / "pushfric"], env=asked, capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    assert not (workspace / ".venv").exists()
-
-
 def test_ctrl_c_ends_a_step_of_the_set_up_with_all_that_it_started(script, tmp_path):
     """`kill -INT` reaches this process alone; the terminal would have reached its group."""
     program = f"""
@@ -189,45 +180,6 @@ def test_a_busy_domain_is_refused_before_the_set_up(workspace):
     assert not (workspace / ".venv").exists()
 
 
-@pytest.mark.parametrize("far", [80, 300])
-def test_a_line_of_progress_is_cut_between_words(script, tmp_path, capfd, monkeypatch, far):
-    monkeypatch.setattr(script, "ROOT", tmp_path)
-    monkeypatch.setattr(script, "SHOW_EVERY", 0.0)
-    long = " ".join(["word"] * (far // 5))
-    script.run([sys.executable, "-c", f"import time; print({long!r}, flush=True); time.sleep(2)"], "a step", os.environ)
-    shown = {line.partition("s  ")[2] for line in capfd.readouterr().err.splitlines() if "word" in line}
-    (line,) = shown
-    assert set(line.removesuffix(" ...").split()) == {"word"}
-    assert line.endswith(" ...") == (far > script.SHOWN)
-    assert len(line) < script.SHOWN
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--distro"], "usage: ./pushfric setup"),
-        (["--distro", "humble"], "usage: ./pushfric setup"),
-        (["--distro", "kilted"], "pushfric: a ROS 2 is sourced, and used; --distro is for a shell without one"),
-    ],
-)
-def test_a_distribution_that_cannot_be_had_is_refused(workspace, options, said):
-    done = subprocess.run([workspace / "pushfric", "setup", *options], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
-    assert done.stderr.startswith(said)
-    assert not (workspace / ".colcon").exists()
-
-
-def test_a_chosen_distribution_stays_chosen(workspace):
-    tell = "import importlib.machinery as m; script = m.SourceFileLoader('script', 'pushfric').load_module()\n"
-    tell += "print(script.DISTRO, script.VENV.name)"
-    run = [sys.executable, "-W", "ignore", "-c", tell]
-    before = subprocess.run(run, cwd=workspace, capture_output=True, text=True, check=True, timeout=60).stdout
-    (workspace / ".colcon").mkdir()
-    (workspace / ".colcon/distro").write_text("kilted")
-    after = subprocess.run(run, cwd=workspace, capture_output=True, text=True, check=True, timeout=60).stdout
-    assert (before, after) == ("jazzy .venv\n", "kilted .venv-kilted\n")
-
-
 def test_an_environment_keeps_the_python_that_it_was_made_with(script, tmp_path, monkeypatch):
     """Another one on the PATH, as of conda, pyenv or sudo, had it made again under what was running in it."""
     (tmp_path / "bin").mkdir()
@@ -239,19 +191,6 @@ def test_an_environment_keeps_the_python_that_it_was_made_with(script, tmp_path,
     monkeypatch.setattr(sys, "version_info", (3, 14, 0))
     monkeypatch.setattr(script, "run", lambda command, *_: pytest.fail(f"{command}"))
     script.make_venv("demo")
-
-
-def test_uv_is_told_what_pip_is_configured_to(script, tmp_path, monkeypatch):
-    (tmp_path / "pip.conf").write_text(
-        "[global]\nindex-url = https://own.example/simple\nfind-links =\n    /a\n    /b\ncert = /c.pem\n"
-    )
-    for name in [name for name in os.environ if name.startswith("PIP_")]:
-        monkeypatch.delenv(name)
-    monkeypatch.setenv("PIP_CONFIG_FILE", str(tmp_path / "pip.conf"))
-    told = script.uv_settings([sys.executable, "-m", "pip"])
-    assert told["UV_DEFAULT_INDEX"].endswith("https://own.example/simple")
-    assert told["UV_FIND_LINKS"].split(",")[-2:] == ["/a", "/b"]
-    assert told["SSL_CERT_FILE"] == "/c.pem"
 
 
 def test_the_cache_of_uv_stays_as_it_is(script, tmp_path, monkeypatch):

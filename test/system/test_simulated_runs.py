@@ -9,7 +9,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 import threading
 import time
 import urllib.request
@@ -17,6 +16,7 @@ from collections.abc import Callable
 
 import pytest
 import yaml
+from calls import PROGRAM, pushfric
 from documents import ROOT, blocks, has_the_form, sessions
 from typer.testing import CliRunner
 
@@ -52,14 +52,13 @@ def cell(tmp_path):
 
 
 def run(cell, *options) -> subprocess.CompletedProcess:
-    arguments = ["run", str(cell), "--headless", "--bag", str(cell.parent / "bag"), *options]
-    return subprocess.run([sys.executable, "-m", "pushfric_core", *arguments], capture_output=True, text=True, timeout=300)
+    return pushfric("run", cell, "--headless", "--bag", cell.parent / "bag", *options)
 
 
 def on_a_terminal(*arguments) -> str:
     """What the command line shows on a terminal, when it has ended well."""
     master, terminal = pty.openpty()
-    command = [sys.executable, "-m", "pushfric_core", *arguments]
+    command = [*PROGRAM, *arguments]
     shown = b""
     with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal) as process:
         os.close(terminal)
@@ -76,8 +75,7 @@ def on_a_terminal(*arguments) -> str:
 
 
 def estimate(bag, code: int = 0) -> dict:
-    arguments = ["estimate", str(bag), "--json"]
-    result = subprocess.run([sys.executable, "-m", "pushfric_core", *arguments], capture_output=True, text=True, timeout=120)
+    result = pushfric("estimate", bag, "--json")
     assert result.returncode == code, result.stderr
     return json.loads(result.stdout)
 
@@ -129,7 +127,7 @@ def test_an_alarm_ends_a_simulated_run_that_nobody_attends(cell, monkeypatch):
     cell.write_text(json.dumps(content))
     (cell.parent / "scratch").mkdir()
     monkeypatch.setenv("TMPDIR", str(cell.parent / "scratch"))
-    command = [sys.executable, "-m", "pushfric_core", "run", str(cell), "--simulated", "--bag", str(cell.parent / "bag")]
+    command = [*PROGRAM, "run", str(cell), "--simulated", "--bag", str(cell.parent / "bag")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as ended:
         said = [next(line for line in ended.stderr if line.startswith("push   1"))]  # another push is under way
         (port,) = (cell.parent / "scratch").glob("pushfric-run-*/pusher")
@@ -148,7 +146,7 @@ def test_an_alarm_ends_a_simulated_run_that_nobody_attends(cell, monkeypatch):
 def test_a_run_that_a_person_ends_says_how_to_go_on(cell):
     """It is ended on its page, after the first push."""
     command = ["run", str(cell), "--simulated", "--view", "0", "--headless", "--bag", str(cell.parent / "bag")]
-    with subprocess.Popen([sys.executable, "-m", "pushfric_core", *command], stderr=subprocess.PIPE, text=True) as ended:
+    with subprocess.Popen([*PROGRAM, *command], stderr=subprocess.PIPE, text=True) as ended:
         url = next(line.split()[1] for line in ended.stderr if line.startswith("view: http"))
         for line in ended.stderr:
             if line.startswith("push 2 of 2: place the object"):
@@ -168,18 +166,3 @@ def drive_back_until(port: pathlib.Path, done: Callable[[], bool]) -> None:
         while not done():
             os.write(line, b"$J=G91G21X-90F6000\n")
             time.sleep(0.05)
-
-
-def test_what_cannot_be_simulated_is_one_line(cell):
-    markers = cell.read_text().replace('"calibration"', '"tracker": "fiducial", "fiducials": "markers.yaml", "calibration"')
-    (cell.parent / "markers.yaml").write_text("dictionary: DICT_4X4_50\nmarkers: []\n")
-    (cell.parent / "other.yaml").write_text(markers)
-    for path, options, error in (
-        (cell, ("--simulated", "--simulated-camera"), "give --simulated or --simulated-camera, not both"),
-        (cell, ("--simulated-camera",), "no serial port at"),
-        (cell.parent / "other.yaml", ("--simulated",), "a rendered camera shows an outline, expected camera.tracker contour"),
-    ):
-        ended = run(path, *options)
-        assert ended.returncode == 2, ended.stderr
-        assert error in ended.stderr.strip().splitlines()[-1]
-        assert not (cell.parent / "bag").exists()

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core import InvalidInput, Outline
 from pushfric_core.files.pushes_file import MOVED, TURNED, read_edge_pushes, read_point_pushes
-from pushfric_core.geometry.outline import Outline
 
 OUTLINE = Outline.rectangle(0.1, 0.06)
 

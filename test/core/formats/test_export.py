@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import stat
 import xml.etree.ElementTree as ElementTree
 
@@ -10,21 +9,15 @@ import numpy as np
 import pytest
 import shapely
 import yaml
+from calls import printed
 from exported import OBJECTS
-from typer.testing import CliRunner
 
-from pushfric_core import FrictionModel, Support, export, named_ellipsoid
-from pushfric_core.commands.cli import app
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator
+from pushfric_core import Estimator, InvalidInput, Observation, Twist, export
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object
 from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, Body, load_of
-from pushfric_core.formats.export import FORMATS
 from pushfric_core.formats.feet import TOLERANCE, few_feet
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.trajectories.observation import Observation
 
 LOAD = load_of(0.3, 0.25, GRAVITY, None)
 
@@ -50,56 +43,6 @@ def test_a_few_feet_slide_like_the_support(name):
     assert feet.error.twist <= TOLERANCE.twist
 
 
-def test_so_few_supports_that_each_is_a_foot():
-    support = OBJECTS["wood_rect3"][1].support
-    feet = few_feet(support).support
-    order = np.lexsort(feet.points.T), np.lexsort(support.points.T)
-    assert feet.points[order[0]] == pytest.approx(support.points[order[1]])
-    assert feet.weights == pytest.approx(1 / 3)
-    single = few_feet(Support([(0.0, 0.0), (0.01, 0.02)], [0.0, 1.0]))
-    assert single.support.points.tolist() == [[0.01, 0.02]]
-
-
-def test_a_support_that_bears_nearly_all_on_one_point_stands_for_itself():
-    support = Support([(-0.05, 0.0), (0.05, 0.0), (0.0, 0.02)], [1 - 1e-5, 1e-5, 0.0])
-    feet = few_feet(support).support
-    assert feet.points.tolist() == support.points[:2].tolist()
-    assert feet.weights == pytest.approx(support.weights[:2])
-
-
-@pytest.mark.parametrize("to", FORMATS)
-def test_hyphens_and_line_breaks_in_what_it_rests_on_break_no_file(to, tmp_path):
-    files = exported("wood_rect4", to, rests_on="runs/a---b-\nc: 1: rests--")
-    for name, text in files.items():
-        assert "c: 1: rests" in text
-        (json.loads if name.endswith("json") else ElementTree.fromstring)(text)
-
-
-@pytest.mark.parametrize("to", FORMATS)
-def test_each_file_begins_with_what_it_rests_on(to):
-    text = next(iter(exported("delrin_rect_right", to, rests_on="a box: 9 observations -- a test").values()))
-    head = "\n".join(text.splitlines()[:12]).replace("- -", "--")
-    assert "a box: 9 observations -- a test" in head
-    assert re.search(r"\d+ feet for 283 support points: the load that makes the object slide differs by 0\.\d+ %", head)
-    assert "Mass 0.3 kg, table friction 0.25; assumed: neither." in head
-
-
-@pytest.mark.parametrize("name", ["wood_rect4", "triangle"])
-def test_sdf_is_read_by_drake(name, tmp_path):
-    pydrake = pytest.importorskip("pydrake.all", reason="pip install drake: 170 MB")
-    path = written(tmp_path, exported(name, "sdf"))
-    builder = pydrake.DiagramBuilder()
-    plant, _ = pydrake.AddMultibodyPlantSceneGraph(builder, 1e-3)
-    parser = pydrake.Parser(plant)
-    parser.AddModels(str(path))
-    plant.Finalize()
-    context = plant.CreateDefaultContext()
-    feet = len(few_feet(OBJECTS[name][1].support).support.weights)
-    assert plant.num_positions() == feet + 3
-    center = plant.CalcCenterOfMassPositionInWorld(context)
-    assert center[:2] == pytest.approx(OBJECTS[name][1].center_of_friction, abs=1e-3)
-
-
 def test_sdf_names_are_unique_and_its_friction_is_that_of_the_model():
     (text,) = exported("wood_rect4", "sdf").values()
     model = ElementTree.fromstring(text).find("model")
@@ -116,14 +59,6 @@ def test_the_pieces_of_the_shell_are_convex_and_make_up_the_outline(name):
     assert len(pieces) == {"triangle": 1, "ell": 2}[name]
     assert all(piece.exterior.is_ccw and piece.area == pytest.approx(piece.convex_hull.area) for piece in pieces)
     assert shapely.union_all(pieces).symmetric_difference(outline.polygon).area < 1e-12
-
-
-def test_the_ellipsoid_of_the_json_has_units():
-    ellipsoid = named_ellipsoid(OBJECTS["delrin_rect_right"][1].support)
-    force = 0.3 * 0.25 * GRAVITY
-    (text,) = exported("delrin_rect_right", "json").values()
-    found = json.loads(text)["ellipsoid"]
-    assert found == {"f_max": pytest.approx(force), "m_max": pytest.approx(force * ellipsoid.m_max)}
 
 
 @pytest.mark.parametrize(
@@ -162,15 +97,6 @@ def test_what_makes_no_sense_is_refused(options, expected):
         export(model, outline, **{"to": "mjcf", **options})
 
 
-def test_samples_are_drawn_in_proportion_to_their_weights():
-    points = [(-0.05, 0.0), (0.05, 0.0)]
-    model = FrictionModel(points, [(0.5, 0.5), (0.2, 0.8), (0.8, 0.2)], [0.1, 0.2, 0.3], [0.5, 0.25, 0.25])
-    assert [one.mean_mu_c for one in model.drawn(4)] == [0.1, 0.1, 0.2, 0.3]
-    assert model.drawn(8)[-1].support.weights.tolist() == [0.8, 0.2]
-    with pytest.raises(ValueError, match="count must be at least 1"):
-        model.drawn(0)
-
-
 @pytest.fixture
 def model_file(tmp_path):
     known = load_object("wood_rect4")
@@ -190,33 +116,29 @@ def model_file(tmp_path):
     return path
 
 
-def run(*arguments):
-    return CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
-
-
 def test_the_command_writes_the_mean_or_samples(model_file, tmp_path):
     out = tmp_path / "new" / "out"
-    assert run("export", model_file, "--to", "json", "--mass", 0.3, "--out", out).exit_code == 0
+    printed("export", model_file, "--to", "json", "--mass", 0.3, "--out", out)
     (written,) = out.iterdir()
     content = json.loads(written.read_text())
     assert written.name == "wood_rect4.json"
     assert content["comments"][0].startswith("wood_rect4: 3 observations of 3 pushes from a test; verdict: ")
     assert content["mass"] == 0.3
-    assert run("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out).exit_code == 0
+    printed("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
     scenes = sorted(path for path in out.iterdir() if path.suffix == ".xml")
     assert [scene.name for scene in scenes] == [f"wood_rect4_{k:02d}.xml" for k in range(12)]
     assert len({scene.read_text().partition("<worldbody>")[2] for scene in scenes}) == 2
     with pytest.raises(InvalidInput, match=r"model.yaml: cannot be exported: expected one of the formats"):
-        run("export", model_file, "--to", "usd", "--out", out)
+        printed("export", model_file, "--to", "usd", "--out", out)
     with pytest.raises(InvalidInput, match=r"height must be .*, got 0"):
-        run("export", model_file, "--to", "mjcf", "--height", 0, "--out", out)
+        printed("export", model_file, "--to", "mjcf", "--height", 0, "--out", out)
     with pytest.raises(InvalidInput, match="the folder cannot be created: "):
-        run("export", model_file, "--to", "mjcf", "--out", model_file)
+        printed("export", model_file, "--to", "mjcf", "--out", model_file)
     content = yaml.safe_load(model_file.read_text())
     del content["ensemble"]
     model_file.write_text(yaml.safe_dump(content))
     with pytest.raises(InvalidInput, match="has no ensemble to draw 12 models from"):
-        run("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
+        printed("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
 
 
 def test_a_model_keeps_its_verdict_and_has_the_mode_of_the_umask(model_file):

@@ -1,16 +1,12 @@
 """The exported object slides in MuJoCo as `predict_strokes` says, whatever table and tip it meets."""
 
-import re
-
 import mujoco
 import numpy as np
 import pytest
-import shapely
-from exported import OBJECTS, even
+from exported import OBJECTS
 
-from bench.simulators import distances, pushed, strokes
-from pushfric_core import Outline, Pose, PushingLine, export
-from pushfric_core.formats.body import GRAVITY, Body, load_of
+from bench.simulators import distances, strokes
+from pushfric_core import export
 
 TIP = 0.005
 
@@ -24,30 +20,6 @@ def test_strokes_of_50_mm_end_where_they_are_predicted(name, rng):
     assert np.median(turned) <= np.radians(1.0)
 
 
-def test_neither_mass_nor_table_friction_changes_a_slow_stroke():
-    outline, model = OBJECTS["wood_rect4"]
-    line = PushingLine((0.01, -0.1), (0.0, 1.0), TIP)
-    ends = []
-    for mass, table_friction in ((0.1, 0.2), (2.0, 0.5)):
-        (scene,) = export(model, outline, "mjcf", mass=mass, table_friction=table_friction, pusher_radius=TIP).values()
-        ends.append(pushed(scene, Pose(0.0, 0.0, 0.0), line, 0.063, 0.083))
-    assert ends[0] == pytest.approx(ends[1], abs=5e-4)
-    assert ends[0][1] > 0.015
-
-
-def test_any_table_and_any_tip_meet_the_object_with_its_coefficients():
-    outline, model = OBJECTS["wood_rect4"]
-    (scene,) = export(model, outline, "mjcf", table_friction=0.2).values()
-    slippery = re.sub(r'name="(table|pusher)" type', r'name="\1" friction="0.9 0.005 0.0001" type', scene)
-    assert slippery.count("0.9 0.005") == 2
-    loaded = mujoco.MjModel.from_xml_string(slippery)
-    data = mujoco.MjData(loaded)
-    data.joint("pusher_y").qpos = 0.0201  # 0.1 mm into the edge, from 20 mm in front of it
-    mujoco.mj_forward(loaded, data)
-    found = {loaded.geom(max(contact.geom)).name: contact.friction[0] for contact in data.contact}
-    assert found == {"pusher": pytest.approx(model.mean_mu_c), **{f"foot_{k}": pytest.approx(0.2) for k in range(4)}}
-
-
 def test_feet_bear_the_weights_of_the_support():
     outline, model = OBJECTS["wood_rect3"]
     (scene,) = export(model, outline, "mjcf", mass=0.4).values()
@@ -58,16 +30,3 @@ def test_feet_bear_the_weights_of_the_support():
     for k, force in enumerate(forces):
         mujoco.mj_contactForce(loaded, data, k, force)
     assert forces[:, 0] == pytest.approx(0.4 * 9.81 / 3, rel=1e-4)
-
-
-def test_an_outline_as_a_camera_measures_it_is_loaded(rng):
-    angles = np.linspace(0, 2 * np.pi, 120, endpoint=False)
-    dents = np.where(np.abs(angles - 2) < 0.3, 0.8, 1.0)  # a notch besides the noise
-    radii = 0.05 * dents + rng.normal(0, 5e-5, 120)
-    outline, model = even(Outline(np.column_stack((radii * np.cos(angles), radii * np.sin(angles)))), 0.3)
-    (scene,) = export(model, outline, "mjcf").values()
-    loaded = mujoco.MjModel.from_xml_string(scene)
-    pieces = Body("notched", outline, model, load_of(None, None, GRAVITY, None)).pieces
-    assert loaded.nmesh == len(pieces) > 1
-    union = shapely.union_all([shapely.Polygon(piece) for piece in pieces])
-    assert union.symmetric_difference(outline.polygon).area < 2e-3 * outline.polygon.area

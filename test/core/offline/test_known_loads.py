@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from calls import invoked
 
 from pushfric_core import FrictionModel, Observation, Observations, Support, Twist, predict
-from pushfric_core.commands.cli import app
 
 FEET = np.array([(-0.04, -0.02), (0.04, -0.02), (0.0, 0.02)])
 PLATE = {
@@ -53,7 +52,7 @@ def cell(tmp_path):
 def check(folder, *options, **changed):
     trials = [{"data": f"{name}.csv", "mass": LOAD, "at": at} for name, at in PLACES.items()]
     (folder / "loads.yaml").write_text(json.dumps({"mass": MASS, "object": "plate.yaml", "trials": trials} | changed))
-    return CliRunner().invoke(app, ["check-cell", str(folder / "loads.yaml"), *options])
+    return invoked("check-cell", folder / "loads.yaml", *options)
 
 
 def test_known_loads_are_found(cell):

@@ -13,11 +13,10 @@ import pytest
 from cluster import local_cluster
 from problems import observations_of
 
+from pushfric_core import TABLE_1, Support
 from pushfric_core.files.model_file import load_model
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.offline.estimation import Choices
-from pushfric_core.offline.many import RESULTS, estimate_many, model_names
+from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.outliers import differing
 
 BAG = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
@@ -156,29 +155,6 @@ def test_options_that_do_not_go_together_are_refused(arguments, said):
     assert run.returncode == 2
     assert said in run.stderr
     assert run.stderr.count("\n") == 1
-
-
-def test_a_folder_that_cannot_be_written_is_named(inputs, tmp_path):
-    (tmp_path / "file").write_text("")
-    run = estimate(inputs, "--object", NAME, "--out", tmp_path / "file")
-    assert run.returncode == 2
-    assert f"{tmp_path / 'file'}: cannot be written" in run.stderr
-
-
-def test_every_input_has_a_model_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.csv").touch()
-    for name in ("a", "bag_1.0", "bag_1.5", "x/y", "x-y"):
-        (tmp_path / name).mkdir(parents=True)
-    inputs = [tmp_path / name for name in ("a", "a.csv", "bag_1.0", "bag_1.5", "x/y", "x-y")]
-    names = [path.name for path in model_names(inputs).values()]
-    assert len(set(names)) == len(inputs)
-    assert names[2:4] == ["bag_1.0.yaml", "bag_1.5.yaml"]
-    assert list(model_names(inputs[1:3]).values()) == [pathlib.Path("models/a.yaml"), pathlib.Path("models/bag_1.0.yaml")]
-
-
-def test_few_estimates_do_not_tell_outliers():
-    assert differing([(0, 0), (0, 0), (1, 1)], [1, 1, 1], [None] * 3) == [[], [], []]
 
 
 def test_each_way_to_differ_has_its_reason():

@@ -1,6 +1,5 @@
 """The page of a run: everything is in it, and the files that it offers are those that other commands read."""
 
-import base64
 import http.client
 import json
 import pathlib
@@ -10,12 +9,7 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
-
-from pushfric_core.commands.cli import app
-from pushfric_core.files.model_file import load_model
-from pushfric_core.files.object_file import load_object
-from pushfric_core.files.observation_file import read_observations
+from calls import printed
 
 BAG = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
 
@@ -23,8 +17,7 @@ BAG = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> tuple[pathlib.Path, str]:
     file = tmp_path_factory.mktemp("handed_on") / "result.html"
-    ended = CliRunner().invoke(app, ["report", str(BAG), "--html", str(file)])
-    assert ended.exit_code == 0, ended.output
+    printed("report", BAG, "--html", file)
     return file, file.read_text()
 
 
@@ -66,18 +59,6 @@ def test_the_page_holds_every_moment_of_the_run(page):
     assert story["plan"]["phase"] == "finished"
 
 
-def test_a_csv_has_a_page_too(page, tmp_path):
-    """Without times, poses and pictures."""
-    (content,) = re.findall(r'download="observations.csv" href="data:[^;]*;base64,([^"]*)"', page[1])
-    (tmp_path / "data.csv").write_bytes(base64.b64decode(content))
-    command = ["report", str(tmp_path / "data.csv"), "--object", "rubber_rect4", "--html", str(tmp_path / "page.html")]
-    assert CliRunner().invoke(app, command).exit_code == 0
-    story, of_bag = told((tmp_path / "page.html").read_text()), told(page[1])
-    assert {key.partition("/")[0] for key in story} == {"cell", "object", "estimate", "moment", "push", "support"}
-    for key in ("contact", "twist", "predicted", "off"):
-        assert [story[f"moment/{seen}"][key] for seen in range(72)] == [of_bag[f"moment/{seen}"][key] for seen in range(72)]
-
-
 @pytest.mark.parametrize(("host", "status"), [("", 200), ("localhost", 200), ("elsewhere.example", 403)])
 def test_view_serves_the_page_on_this_machine_alone(host, status):
     command = [sys.executable, "-m", "pushfric_core", "view", str(BAG), "--port", "0"]
@@ -93,13 +74,3 @@ def test_view_serves_the_page_on_this_machine_alone(host, status):
         finally:
             view.send_signal(signal.SIGINT)
         assert view.wait(60) == 130
-
-
-def test_the_downloads_are_read_by_the_commands(page, tmp_path):
-    _, text = page
-    for name, content in re.findall(r'download="([^"]*)" href="data:[^;]*;base64,([^"]*)"', text):
-        (tmp_path / name).write_bytes(base64.b64decode(content))
-    model = load_object("rubber_rect4")
-    assert len(read_observations(tmp_path / "observations.csv", model.outline)) == 72
-    assert load_model(tmp_path / "model.yaml")[1].name == "rubber_rect4"
-    assert "<svg" in (tmp_path / "figure.svg").read_text()

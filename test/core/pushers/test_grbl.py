@@ -1,10 +1,8 @@
-"""The GRBL driver against a scripted controller, byte by byte, and against the simulated firmware; also that firmware."""
+"""The GRBL driver against a scripted controller, byte by byte, and against the simulated firmware."""
 
 import itertools
 import os
-import random
 import re
-import select
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -15,7 +13,6 @@ from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, parse_status
 from pushfric_core.pushers.pusher import Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
 from pushfric_core.pushers.serial_pusher import StatusReport
-from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
@@ -169,14 +166,6 @@ def test_a_status_report_is_understood_field_by_field(line, status):
     assert parse_status(line) == status
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["ok", "", "<>", "<Idle|MPos:0.0", "Idle|MPos:0.000>", "<Run|MPos:1.0.0,0,0>", "<Run|Bf:a,b>", "<Run|Ln:>", "[MSG:<x]"],
-)
-def test_a_damaged_report_is_ignored(line):
-    assert parse_status(line) is None
-
-
 def test_connecting_asks_who_and_how(peer):
     pusher = connect(peer)
     assert peer.heard == ASKED
@@ -231,36 +220,12 @@ def test_the_soft_limits_of_fluidnc_are_those_of_the_axis(peer, axis, own, trave
     assert (b"soft_limits" in peer.heard) is (axis != "X")
 
 
-def test_an_error_of_fluidnc_comes_with_its_words(peer):
-    peer.replies |= FLUIDNC
-    pusher = connect(peer)
-    peer.replies[b"$J=G21G90X1.500F1200.000"] = "error:3\r\n[MSG:ERR: Invalid $ statement]\r\n"
-    pusher.move_to(0.0015, 0.02)
-    fail(pusher, CommandRefused, "error:3 Invalid statement", peer)
-
-
 def test_noise_at_boot_is_ignored(peer):
     noise = "\x00\xff\r\nerror:7\r\n$0=10\r\n$1=25\r\nok\r\n" + GREETING + "[MSG:Check Limits]\r\n>G20G54:ok\r\n>:error:7\r\n"
     peer.replies[b"$I"] = "$I\r\n[echo: $I]\r\n[VER:1.1f.20170131:bench 3]\r\nok\r\n"
     pusher = connect(peer, noise)
     assert pusher.mode is Mode.IDLE
     assert pusher.name.startswith("Grbl 1.1f.20170131")
-
-
-def test_echoes_of_queries_may_precede_an_answer(peer):
-    peer.replies[b"$I"] = "?ok\r\n"
-    assert connect(peer).mode is Mode.IDLE
-
-
-def test_firmware_that_reads_only_while_more_is_coming(peer):
-    peer.replies[b"$I"] = ""
-    pusher = Grbl(peer.port)
-    pusher.connect()
-    peer.say(GREETING)
-    drive(pusher, lambda: peer.heard == b"$I\n" and pusher._statuses, peer)
-    peer.say("ok\r\n")
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert pusher.mode is Mode.IDLE
 
 
 def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
@@ -307,12 +272,6 @@ def test_a_port_that_is_not_there():
         Grbl("/dev/no_such_port").connect()
 
 
-def test_a_file_that_is_no_port(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(NotConnected, match=r"cannot open .*file"):
-        Grbl(str(tmp_path / "file")).connect()
-
-
 def test_a_port_in_use_is_left_alone(peer):
     pusher = connect(peer)
     with pytest.raises(NotConnected, match="cannot open"):
@@ -331,11 +290,6 @@ def test_a_pusher_that_is_not_connected_cannot_be_used():
     pusher.ask(1)
     pusher.stop()
     pusher.close()
-
-
-def test_a_wrong_name_of_an_axis_is_refused():
-    with pytest.raises(ValueError, match=r"axis must be X, Y, Z, A, B or C, .*got '-'"):
-        Grbl("/dev/ttyUSB0", axis="-")
 
 
 def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
@@ -369,13 +323,6 @@ def test_home_is_where_the_stroke_begins(peer):
     assert peer.heard == b"\x90$J=G21G90X-198.000F1200.000\n"
 
 
-def test_homing_that_is_switched_off_is_an_error(peer):
-    peer.replies[b"$H"] = "error:5\r\n"
-    pusher = connect(peer, home=True)
-    pusher.recover()
-    fail(pusher, CommandRefused, re.escape('"$H" refused: error:5 Setting disabled'), peer)
-
-
 def test_homing_that_fails_is_an_alarm_until_the_next_attempt(peer):
     peer.replies[b"$H"] = ""
     pusher = connect(peer, home=True)
@@ -401,30 +348,6 @@ def test_homing_is_stopped_by_a_reset(peer):
     assert pusher.mode is Mode.ALARM
 
 
-def test_a_recovery_that_is_stopped_never_homes(peer):
-    pusher = connect(peer, home=True)
-    peer.heard = b""
-    pusher.recover()
-    drive(pusher, lambda: peer.heard == b"\x18", peer)
-    pusher.stop()
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert b"$H" not in peer.heard
-    assert pusher.mode is Mode.IDLE
-
-
-def test_recovery_resets_and_unlocks(peer):
-    pusher = connect(peer)
-    peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|Pn:X>"
-    drive(pusher, lambda: pusher.mode is Mode.ALARM, peer)
-    peer.heard = b""
-    pusher.recover()
-    drive(pusher, lambda: b"$X" in peer.heard, peer)
-    peer.status = IDLE
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"\x18" + ASKED_AGAIN + b"$X\n"
-    assert pusher.mode is Mode.IDLE
-
-
 def test_a_move_is_a_jog_that_trusts_no_modal_state_and_no_override(peer):
     pusher = connect(peer)
     begin_move(pusher, peer)
@@ -435,35 +358,6 @@ def test_a_move_is_a_jog_that_trusts_no_modal_state_and_no_override(peer):
     peer.status = "<Idle|MPos:1.500,0.000,0.000|FS:0,0|Ov:100,100,100>"
     drive(pusher, lambda: not pusher.busy, peer)
     assert report_now(pusher, peer) == (pytest.approx(0.0015), 0.0, Mode.IDLE, 5)
-
-
-def test_a_long_move_is_sent_in_pieces_as_the_reports_show_room_for_them(peer):
-    """The driver is never more than 0.25 s and the braking ahead of the last report, and errors do not add up at the end."""
-    pusher = connect(peer)
-    peer.heard = b""
-    pusher.move_to(0.025, 0.02)
-    ends: list[float] = []
-    while not ends or ends[-1] < 25.0:
-        before = len(ends)
-
-        def sent(before=before) -> bool:
-            ends[:] = [float(x) for x in re.findall(rb"\$J=G21G90X([\d.]+)F1200\.000\n", peer.heard)]
-            return len(ends) > before and pusher._pending is None
-
-        drive(pusher, sent, peer)
-        seen = pusher._statuses
-        drive(pusher, lambda seen=seen: pusher._statuses > seen + 3, peer)  # none more comes while nothing moves on
-        sent(before)
-        here = pusher._last.position * 1e3
-        assert ends[-1] - here <= 0.25 * 20 + 20**2 / 500 / 2 + 1e-9
-        peer.status = f"<Jog|MPos:{min(ends[-1], here + 1.7):.3f},0.000,0.000|FS:1200,0>"
-    assert ends == [pytest.approx(25 * i / len(ends), abs=5e-4) for i in range(1, len(ends) + 1)]
-    while (here := pusher._last.position * 1e3) < 25.0:
-        peer.status = f"<Jog|MPos:{min(25.0, here + 1.0):.3f},0.000,0.000|FS:1200,0>"
-        drive(pusher, lambda here=here: pusher._last.position * 1e3 > here, peer)
-    peer.status = "<Idle|MPos:25.000,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert ends[-1] == 25.0
 
 
 def test_a_piece_that_came_too_late_to_be_a_jog_is_sent_again(peer):
@@ -488,21 +382,6 @@ def test_an_axis_that_runs_backwards(peer):
     pusher.move_to(0.0105, 0.01)
     drive(pusher, lambda: peer.heard.endswith(b"\n"), peer, ask=False)
     assert peer.heard == b"\x90$J=G21G90Y-10.500F600.000\n"
-
-
-@pytest.mark.parametrize(("x", "position"), [("0.000", 0.0), ("-0.000", 0.0), ("12.345", -0.012345)])
-def test_the_zero_of_an_axis_that_runs_backwards_has_no_sign(peer, x, position):
-    peer.status = f"<Idle|MPos:{x},0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
-    pusher = connect(peer, axis="-X")
-    assert str(report_now(pusher, peer).position) == str(position)
-
-
-def test_home_is_zero_to_the_last_digit(peer):
-    pusher = connect(peer, home=True)
-    peer.status = "<Idle|MPos:-255.907,0.000,0.000|FS:0,0>"  # which floating point turns into -3e-17 m
-    pusher.recover()
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert str(report_now(pusher, peer).position) == "0.0"
 
 
 def test_the_work_offset_is_waited_for_and_remembered(peer):
@@ -545,19 +424,6 @@ def test_without_a_feed_field_positions_and_stamps_give_the_speed(peer):
         peer.status = f"<Run|MPos:{x},0.000,0.000>"
         report = report_now(pusher, peer, stamp)
     assert report.speed == pytest.approx(0.0004)
-
-
-@pytest.mark.parametrize("feed", ["FS:0,0", "FS:1200,0"])
-@pytest.mark.parametrize("state", ["Hold", "Door"])
-def test_the_reported_feed_is_ignored_in_a_hold(peer, state, feed):
-    """GrblHAL reports no feed while it brakes, and the programmed feed at rest."""
-    pusher = connect(peer)
-    peer.status = f"<{state}:1|MPos:0.300,0.000,0.000|{feed}>"
-    report_now(pusher, peer, 10**9)
-    peer.status = f"<{state}:1|MPos:0.500,0.000,0.000|{feed}>"
-    assert report_now(pusher, peer, 2 * 10**9) == (0.0005, pytest.approx(0.0002), Mode.HOLD, 2 * 10**9)
-    peer.status = f"<{state}:0|MPos:0.500,0.000,0.000|{feed}>"
-    assert report_now(pusher, peer, 3 * 10**9) == (0.0005, 0.0, Mode.HOLD, 3 * 10**9)
 
 
 def test_a_pusher_that_brakes_is_not_said_to_rest(peer):
@@ -627,38 +493,6 @@ def test_a_refused_line_stops_and_is_named(peer):
     assert peer.heard == JOG + b"!\x85\x18" + ASKED_AGAIN
 
 
-def test_an_error_of_other_firmware_is_named_as_such():
-    assert str(CommandRefused("$X", 46)) == '"$X" refused: error:46 Homing required (grblHAL)'
-    assert str(Alarm(11)) == "ALARM:11 Homing required (grblHAL)"
-    assert str(CommandRefused("$H", 79)) == '"$H" refused: error:79 (not of GRBL 1.1)'
-    assert str(Alarm(17)) == "ALARM:17 (not of GRBL 1.1)"
-    assert str(Alarm(None)) == "ALARM"
-
-
-def test_an_alarm_during_a_push_is_raised_and_stays(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
-    peer.status = "<Alarm|MPos:0.600,0.000,0.000|FS:0,0|Pn:X>"
-    peer.say("ALARM:1\r\n[MSG:Reset to continue]\r\n")
-    fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == JOG + b"!\x85\x18" + ASKED_AGAIN
-    assert pusher.mode is Mode.ALARM
-
-
-def test_recovery_waits_for_the_stop_that_an_alarm_has_caused(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
-    peer.heard, peer.status = b"", "<Alarm|MPos:0.600,0.000,0.000|FS:0,0|Pn:X>"
-    peer.say("ALARM:1\r\n")
-    fail(pusher, Alarm, "ALARM:1 Hard limit", peer)
-    pusher.recover()
-    drive(pusher, lambda: b"$X" in peer.heard, peer)
-    peer.status = IDLE.replace("MPos:0.000", "MPos:0.600")
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert peer.heard == b"!\x85\x18" + ASKED_AGAIN + b"\x18" + ASKED_AGAIN + b"$X\n"
-
-
 def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
     """GRBL 1.1h does not even answer status queries then."""
     pusher = connect(peer)
@@ -697,17 +531,6 @@ def test_a_stop_that_is_not_answered_leaves_the_port(peer, monkeypatch):
     assert pusher.mode is Mode.DISCONNECTED
 
 
-def test_a_stop_gives_up_a_recovery_that_waits(peer):
-    pusher = connect(peer, home=True)
-    begin_move(pusher, peer)
-    peer.status = IDLE
-    pusher.stop()
-    pusher.recover()
-    pusher.stop()
-    drive(pusher, lambda: not pusher.busy, peer)
-    assert b"$H" not in peer.heard
-
-
 def test_an_alarm_whose_line_was_lost_is_seen_in_the_reports(peer):
     pusher = connect(peer)
     begin_move(pusher, peer)
@@ -725,22 +548,6 @@ def test_a_restart_during_a_push_ends_the_connection(peer, also):
     assert pusher.mode is Mode.DISCONNECTED
 
 
-def test_silence_in_mid_stroke_is_a_hold_and_the_end_of_the_connection_where_it_lasts(peer):
-    pusher = connect(peer, silence=0.2)
-    begin_move(pusher, peer)
-    peer.heard, peer.status = b"", ""
-    fail(pusher, Timeout, r"said nothing for \d+\.\d\d s in mid-stroke; silence is 0\.2 s", peer)
-    peer.hear(b"!\x85")
-    assert peer.heard == b"!\x85"
-    fail(pusher, NotConnected, "no answer to . within 2 s", peer, 20.0)
-
-
-def test_silence_at_rest_ends_the_connection(peer):
-    pusher = connect(peer)
-    peer.status = ""
-    fail(pusher, NotConnected, r"is silent for \d+\.\d s, the limit is 2 s", peer)
-
-
 def test_a_process_that_stood_still_moves_nothing_any_more(peer):
     """As after a SIGSTOP: the controller has long used up what it was sent."""
     pusher = connect(peer, silence=0.2)
@@ -750,17 +557,6 @@ def test_a_process_that_stood_still_moves_nothing_any_more(peer):
         pusher.poll()
     peer.hear(b"!\x85")
     assert peer.heard.endswith(b"!\x85")
-
-
-def test_garbage_without_end_is_survived(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
-    for _ in range(20):
-        peer.say(b"\x00\xfe<Run|" * 80)
-        drive(pusher, lambda: not select.select([pusher._port.fd], [], [], 0)[0], ask=False)
-    peer.say("\r\n")
-    peer.status = "<Idle|MPos:1.500,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: not pusher.busy, peer)
 
 
 def test_a_write_that_succeeds_late_loses_nothing(peer, monkeypatch):
@@ -782,15 +578,6 @@ def test_a_port_that_takes_no_bytes_is_lost(peer):
     assert pusher.mode is Mode.DISCONNECTED
 
 
-def test_unplugged_during_a_push(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
-    peer.unplug()
-    fail(pusher, NotConnected, "lost /dev/pts")
-    assert pusher.mode is Mode.DISCONNECTED
-    assert not pusher.busy
-
-
 def test_reconnecting_neither_moves_nor_homes(peer):
     pusher = connect(peer, home=True)
     pusher.close()
@@ -805,238 +592,3 @@ def test_reconnecting_neither_moves_nor_homes(peer):
         pusher.move_to(0.01, 0.01)
     pusher.recover()
     drive(pusher, lambda: b"$H\n" in peer.heard, peer)
-
-
-def test_closing_at_rest_sends_nothing(peer):
-    pusher = connect(peer)
-    peer.heard = b""
-    pusher.close()
-    peer.serve()
-    assert peer.heard == b""
-
-
-@pytest.fixture
-def simulated() -> Iterator[SimulatedGrbl]:
-    with SimulatedGrbl(time.monotonic) as simulated:
-        yield simulated
-
-
-def test_a_stroke_on_the_simulated_controller(simulated):
-    pusher = Grbl(simulated.port, **PATIENT)
-    pusher.connect()
-    drive(pusher, lambda: not pusher.busy)
-    pusher.move_to(0.02, 0.05)
-    reports = drive(pusher, lambda: not pusher.busy)
-    assert simulated.position() == pytest.approx(0.02)
-    assert reports[-1].position == pytest.approx(0.02)
-    assert max(report.speed for report in reports) == pytest.approx(0.05, rel=0.01)
-    pusher.close()
-
-
-def test_leaving_in_mid_push_stops_without_losing_the_position(simulated):
-    pusher = Grbl(simulated.port, **PATIENT)
-    pusher.connect()
-    drive(pusher, lambda: not pusher.busy)
-    pusher.move_to(0.09, 0.02)
-    drive(pusher, lambda: simulated.position() > 0.002)
-    pusher.close()
-    rest = simulated.position()
-    pusher.connect()
-    drive(pusher, lambda: not pusher.busy)
-    assert simulated.position() == rest < 0.05
-    assert pusher.mode is Mode.IDLE
-    pusher.close()
-
-
-def test_a_homing_that_is_stopped_was_not_silent(monkeypatch):
-    """Questions stay unanswered while GRBL homes, for longer than is allowed at any other time."""
-    monkeypatch.setattr("pushfric_core.pushers.serial_pusher.SILENCE", 1.0)
-    with SimulatedGrbl(lambda: 0.0, homing=True) as simulated:
-        pusher = Grbl(simulated.port, home=True)
-        pusher.connect()
-        drive(pusher, lambda: not pusher.busy)
-        pusher.recover()
-        drive(pusher, lambda: pusher._silent_since is not None and time.monotonic() - pusher._silent_since > 1.0)
-        assert pusher.mode is Mode.HOMING
-        pusher.stop()
-        drive(pusher, lambda: not pusher.busy)
-        assert pusher.mode is Mode.ALARM
-        pusher.close()
-
-
-class Terminal:
-    """A person at a serial terminal of the simulated controller."""
-
-    def __init__(self, simulated: SimulatedGrbl) -> None:
-        self._fd = os.open(simulated.port, os.O_RDWR | os.O_NOCTTY)
-        self._heard = ""
-        self.wait_for("help]")
-
-    def wait_for(self, text: str, meanwhile: Callable[[], None] = lambda: None) -> str:
-        """Everything printed up to the end of the line with this text."""
-        deadline = time.monotonic() + 60
-        while (found := self._heard.find(text)) < 0 or (end := self._heard.find("\n", found)) < 0:
-            assert time.monotonic() < deadline, f"{text!r} not heard, but {self._heard!r}"
-            meanwhile()
-            if select.select([self._fd], [], [], 0.05)[0]:
-                self._heard += os.read(self._fd, 4096).decode()
-        heard, self._heard = self._heard[: end + 1], self._heard[end + 1 :]
-        return heard
-
-    def type(self, line: str, answer: str) -> str:
-        os.write(self._fd, line.encode() + b"\n")
-        return self.wait_for(answer)
-
-    def press(self, keys: bytes, answer: str) -> str:
-        """Keys that need no return."""
-        os.write(self._fd, keys)
-        return self.wait_for(answer)
-
-    def close(self) -> None:
-        os.close(self._fd)
-
-
-@pytest.fixture
-def clock() -> list[float]:
-    """A clock that only the test advances [s]."""
-    return [100.0]
-
-
-@pytest.fixture
-def terminal(clock) -> Iterator[tuple[SimulatedGrbl, Terminal]]:
-    with SimulatedGrbl(lambda: clock[0], travel=0.1, max_speed=0.1, acceleration=0.1) as simulated:
-        terminal = Terminal(simulated)
-        yield simulated, terminal
-        terminal.close()
-
-
-@pytest.mark.parametrize(
-    ("line", "answer"),
-    [
-        ("", "ok"), ("g1 x0 f100 (comment)", "ok"), ("G21 G90 G94", "ok"), ("G4 P0", "ok"), ("$X", "ok"), ("$100=80", "ok"),
-        ("$I", "[VER:1.1h"), ("$N", "$N1=\r\nok"), ("$", "[HLP:"), ("$$", "$132=100.000\r\nok"),
-        ("$G", "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]"),
-        ("100", "error:1"), ("G1 Xa", "error:2"), ("$Q", "error:3"), ("$100=-1", "error:4"), ("G1 X1 F-1", "error:4"),
-        ("$H", "error:5"), ("$20=1", "error:10"), ("X" + "1" * 90, "error:11"), ("$J=G1 X1 F1", "error:16"),
-        ("G2 X1", "error:35"), ("G28", "error:20"), ("U1", "error:20"), ("G0 G1 X1", "error:24"), ("G1 X1", "error:22"),
-        ("$J=X1", "error:22"), ("X1 X2", "error:25"), ("G1 F10", "ok"),
-    ],
-)  # fmt: skip
-def test_the_firmware_answers_as_grbl_does(terminal, line, answer):
-    terminal[1].type(line, answer)
-
-
-def test_the_firmware_moves_with_trapezoidal_speed(terminal, clock):
-    simulated, terminal = terminal
-    terminal.type("G1 X40 F3000", "ok")  # 50 mm/s, reached in 0.5 s over 12.5 mm
-    for seconds, millimetres, rate in ((0.0, 0.0, 0), (0.5, 12.5, 3000), (0.7, 22.5, 3000), (1.05, 36.875, 1500)):
-        clock[0] = 100.0 + seconds
-        assert simulated.position() == pytest.approx(millimetres / 1000)
-        assert f"MPos:{millimetres:.3f},0.000,0.000|Bf:14,128|FS:{rate},0" in terminal.press(b"?", ">")
-    clock[0] = 200.0
-    assert simulated.position() == pytest.approx(0.04)
-    assert "<Idle|MPos:40.000" in terminal.press(b"?", ">")
-
-
-def test_the_firmware_holds_resumes_and_plans_ahead(terminal, clock):
-    simulated, terminal = terminal
-    terminal.type("G1 X40 F3000", "ok")
-    terminal.type("X0", "ok")
-    clock[0] += 0.5
-    assert "<Hold:1|" in terminal.press(b"!?", ">")
-    clock[0] += 0.6
-    assert "<Hold:0|MPos:25.000" in terminal.press(b"?", ">")
-    assert "<Run|" in terminal.press(b"~?", ">")
-    clock[0] += 100
-    assert simulated.position() == pytest.approx(0.0)
-
-
-def test_the_offset_and_the_overrides_come_now_and_then(terminal):
-    reports = [terminal[1].press(b"?", ">") for _ in range(12)]
-    assert [i for i, report in enumerate(reports) if "|WCO:0.000,0.000,0.000>" in report] == [0, 10]
-    assert [i for i, report in enumerate(reports) if "|Ov:100,100,100>" in report] == [1, 11]
-
-
-def test_a_reset_in_motion_causes_an_alarm_and_at_rest_none(terminal, clock):
-    simulated, terminal = terminal
-    terminal.type("G1 X40 F3000", "ok")
-    clock[0] += 0.5
-    heard = terminal.press(b"\x18", "unlock]")
-    assert heard == "ALARM:3\r\n" + GREETING + "[MSG:'$H'|'$X' to unlock]\r\n"
-    assert simulated.position() == pytest.approx(0.0125)
-    terminal.type("G1 X1 F10", "error:9")
-    assert "[MSG:Caution: Unlocked]\r\nok" in terminal.type("$X", "ok")
-    assert terminal.press(b"\x18", "help]\r\n") == GREETING
-
-
-def test_a_jog_can_be_canceled(terminal, clock):
-    _, terminal = terminal
-    terminal.type("$J=G91 X40 F3000", "ok")
-    terminal.type("G1 X1 F10", "error:9")
-    clock[0] += 0.5
-    assert "<Jog|" in terminal.press(b"?", ">")
-    terminal.type("$I", "error:8")
-    assert "<Jog|" in terminal.press(b"\x85?", ">")
-    clock[0] += 0.6
-    assert "<Idle|MPos:25.000" in terminal.press(b"?", ">")
-
-
-def test_the_end_of_the_travel_is_a_hard_limit(terminal, clock):
-    simulated, terminal = terminal
-    terminal.type("G0 X500", "ok")
-    clock[0] += 60
-    assert "Reset to continue" in terminal.wait_for("]")
-    heard = terminal.press(b"?$X\n\x18", "unlock]")
-    assert "<" not in heard  # only a reset is accepted now
-    assert "ok" not in heard
-    assert "<Alarm|MPos:" in (report := terminal.press(b"?", ">"))
-    assert "|Pn:X" in report
-    simulated.reset()
-    terminal.wait_for("help]")
-    assert "<Idle|MPos:0.000" in terminal.press(b"?", ">")
-
-
-def test_homing_and_soft_limits(clock):
-    with SimulatedGrbl(lambda: clock[0], travel=0.1, homing=True) as simulated:
-        terminal = Terminal(simulated)
-        terminal.wait_for("unlock]")
-        terminal.type("G1 X1 F10", "error:9")
-        os.write(terminal._fd, b"$H\n")
-
-        def tick() -> None:
-            clock[0] += 0.5
-
-        terminal.wait_for("ok", meanwhile=tick)
-        assert "<Idle|MPos:-99.000" in terminal.press(b"?", ">")
-        terminal.type("$J=X1 F10", "error:15")
-        assert "[MSG:Reset to continue]" in terminal.type("G1 X1 F10", "continue]")
-        assert simulated.position() == pytest.approx(0.0)
-        terminal.close()
-
-
-def test_a_power_failure_in_mid_push_is_noticed(simulated):
-    pusher = Grbl(simulated.port, **PATIENT)
-    pusher.connect()
-    drive(pusher, lambda: not pusher.busy)
-    pusher.move_to(0.09, 0.02)
-    drive(pusher, lambda: simulated.position() > 0.002)
-    simulated.say(b"\xfe\xff~~garbage\r\n")
-    simulated.reset()
-    fail(pusher, NotConnected, "restarted")
-
-
-@pytest.mark.parametrize("seed", [1, 17, 27])
-def test_the_simulated_carriage_keeps_its_speed_while_time_goes_on_between_any_two_steps(seed):
-    """As on a busy machine: each look at the clock is later than the last, and a block may end between two."""
-    randomly = random.Random(seed)
-    times = itertools.accumulate(randomly.expovariate(1 / 0.002) for _ in itertools.count())
-    controller = SimulatedGrbl(lambda: next(times))
-    target, speeds = 0.0, []
-    while target < 60.0:
-        if target - 1e3 * controller.position() < 8.0:
-            target += 1.5
-            controller._receive(b"$J=G21G90X%.3fF1200.000\n" % target)
-            controller._execute_lines()
-        speeds.append(controller._now()[1])
-    assert max(speeds) == pytest.approx(20.0, rel=1e-6)
-    assert min(speeds) >= 0.0

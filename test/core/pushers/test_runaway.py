@@ -9,9 +9,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
+from calls import wait_until
 from line_stage import ACCELERATION, DEAD_MAN, LATE, SPEED, LineStage
 
 from pushfric_core.pushers.clock import suspended
@@ -41,6 +42,12 @@ class Stage(LineStage):
     """A GRBL controller on a line that can fail."""
 
     driver_class = Grbl
+
+    def listen(self) -> bytearray:
+        """All that is sent from now on."""
+        heard = bytearray()
+        self.line.to_controller = lambda data: heard.extend(data) or data
+        return heard
 
     def outlast(self, pusher: Grbl, seconds: float = 2.0) -> list:
         """Poll until the driver is not busy, whatever it raises; if it is disconnected, connect again, for this long [s]."""
@@ -137,15 +144,6 @@ def test_a_line_that_was_damaged_on_its_way_never_leads_the_pusher_off_it(stage,
     assert 0.01 - late < min(seen[0], rest)
     assert max(seen[1], rest) < 0.03 + late
     assert stage.rest() == rest
-
-
-def test_leaving_the_way_names_where_and_is_a_doubt(stage):
-    pusher = under_way(stage, 0.03)
-    stage.line.to_controller = once(b"X1", b"X9")
-    error = stage.fails(pusher, PusherError)
-    assert "m, off its way from 0.0000 m to 0.0300 m" in str(error)
-    assert error.fault.name == "WAY"
-    assert pusher.doubt == str(error)
 
 
 def test_an_ok_that_was_lost_is_not_waited_for_for_ever(stage):
@@ -277,13 +275,6 @@ def host(stage: Stage, distance: float = FAR) -> Iterator[subprocess.Popen]:
         process.wait()
 
 
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.002)
-
-
 def test_a_host_that_is_stopped_leaves_a_pusher_that_rests(stage):
     with host(stage) as process:
         wait_until(lambda: stage.controller.position() > 0.01)
@@ -352,16 +343,10 @@ def test_a_controller_that_falls_mute_is_held(stage):
 def test_a_controller_found_moving_is_asked_held_and_not_believed(stage, line):
     stage.line.tell_controller(line)
     wait_until(lambda: stage.controller.position() > 0.002)
-    heard: list[bytes] = []
-
-    def listen(data: bytes) -> bytes:
-        heard.append(data)
-        return data
-
-    stage.line.to_controller = listen
+    heard = stage.listen()
     pusher = stage.driver()
-    assert b"".join(heard).lstrip(b"?")[:1] == b"!"
-    assert b"$X" not in b"".join(heard)
+    assert heard.lstrip(b"?")[:1] == b"!"
+    assert b"$X" not in heard
     assert pusher.doubt in ("it moved when it was found", "it read lines only after a reset")
     rest = stage.rest()
     assert rest < 0.03
@@ -377,28 +362,21 @@ def test_a_controller_found_moving_is_asked_held_and_not_believed(stage, line):
 def test_who_only_looks_at_a_moving_controller_changes_nothing(stage):
     stage.line.tell_controller(b"G1 X20 F600\n")
     wait_until(lambda: stage.controller.position() > 0.001)
-    heard: list[bytes] = []
-
-    def listen(data: bytes) -> bytes:
-        heard.append(data)
-        return data
-
-    stage.line.to_controller = listen
+    heard = stage.listen()
     pusher = stage.driver(only_look=True)
     assert pusher.mode is Mode.RUNNING
     pusher.stop()
     pusher.close()
-    assert set(b"".join(heard)) == {ord("?")}
+    assert set(heard) == {ord("?")}
     assert stage.rest() == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize("delay", [1.3, 3.0])
-def test_a_greeting_may_take_its_time(stage, delay):
+def test_a_greeting_may_take_its_time(stage):
     """After the driver's own reset: its greeting is not taken for a reset by another program."""
     pusher = under_way(stage)
 
     def late(data: bytes) -> bytes:
-        stage.line.delay_to_host = delay if b"Grbl" in data else 0.0
+        stage.line.delay_to_host = 3.0 if b"Grbl" in data else 0.0
         return data
 
     stage.line.to_host = late
@@ -417,8 +395,6 @@ def test_a_greeting_may_take_its_time(stage, delay):
     ("number", "value", "text"),
     [
         (120, "0", r"\$120=0, expected a positive number"),
-        (100, "0.000", r"\$100=0.000, expected a positive number"),
-        (22, "1e999", r"\$22=1e999, expected 0 or more"),
         (130, "nan", r"\$130=nan, expected 0 or more"),
         (110, "9" * 4300, r"\$110=9{20}\.\.\., expected a positive number"),
         (27, "-1", r"\$27=-1, expected 0 or more"),
@@ -451,51 +427,25 @@ def test_hostile_numbers_end_no_stroke(stage, line):
     assert all(0 <= report.position <= 0.0101 for report in reports)
 
 
-@pytest.mark.parametrize("wrong", [b"MPos:9", b"MPos:-", b"MPos:99999", b"MPos:nan"])
-def test_a_report_that_cannot_be_true_is_dropped_and_counted(stage, wrong):
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        *[(b"MPos:", wrong) for wrong in (b"MPos:9", b"MPos:-", b"MPos:99999", b"MPos:nan")],
+        (b"WCO:0.000", b"WCO:9.000"),
+        (b",0.000,0.000|", b",0.000,7.000|"),
+        (b"FS:1", b"FS:91"),
+    ],
+)
+def test_a_report_that_cannot_be_true_is_dropped_and_ends_no_stroke(stage, old, new):
     pusher = under_way(stage, 0.03)
-    stage.line.to_host = once(b"MPos:", wrong)
+    stage.line.to_host = once(old, new)
     reports = stage.drive(pusher, lambda: not pusher.busy)
-    assert all(0.009 < report.position < 0.0301 for report in reports)
-    assert pusher.dropped >= 1
+    assert all(0.009 < report.position < 0.0301 and report.speed < 0.03 for report in reports)
+    assert pusher.dropped >= (b"WCO" not in old)
     assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
 
 
-def test_a_pusher_that_rests_is_not_elsewhere_at_once(stage):
-    """Nothing was sent, and the report itself speaks of no motion."""
-    pusher = stage.driver()
-    pusher.move_to(0.01, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
-    for wrong in (b"MPos:20.000", b"MPos:11.000", b"MPos:18.000"):
-        stage.line.to_host = once(b"MPos:10.000", wrong)
-        dropped = pusher.dropped
-        while pusher.dropped == dropped:
-            pusher.ask(0)
-            assert all(report.position == 0.01 for report in stage.drive(pusher, lambda: pusher._asked is None))
-    assert pusher.doubt is None
-
-
-def test_a_report_from_behind_the_pusher_is_dropped(stage):
-    """The damaged digit says where it was a moment ago: near enough for its speed, and not where it can have gone."""
-    pusher = under_way(stage, 0.03)
-    places = []
-
-    def behind(data: bytes) -> bytes:
-        place = re.search(rb"MPos:(1\d\.\d+)", data)
-        if place is None:
-            return data
-        places.append(float(place[1]))
-        return data if len(places) != 5 else data.replace(place[1], b"%.3f" % (places[-2] - 1.2))
-
-    stage.line.to_host = behind
-    reports = stage.drive(pusher, lambda: not pusher.busy)
-    positions = [report.position for report in reports]
-    assert positions == sorted(positions)
-    assert pusher.dropped == 1
-    assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
-
-
-@pytest.mark.parametrize("often", [1, 2, 5])
+@pytest.mark.parametrize("often", [1, 5])
 def test_false_lines_while_it_brakes_are_never_where_it_is(stage, often):
     """They agree with each other, and with a place where the pusher was a moment ago."""
     pusher = under_way(stage, 0.03)
@@ -517,13 +467,12 @@ def test_false_lines_while_it_brakes_are_never_where_it_is(stage, often):
     assert (pusher.mode is Mode.DISCONNECTED) == (often > 1)
 
 
-@pytest.mark.parametrize("state", [b"Hold:0", b"Idle"])
-def test_two_reports_that_agree_move_no_pusher_that_rests(stage, state):
+def test_two_reports_that_agree_move_no_pusher_that_rests(stage):
     """It was not sent anywhere: either they are false or the controller has lost its position, and a person must look."""
     pusher = stage.driver()
     pusher.move_to(0.01, SPEED)
     stage.drive(pusher, lambda: not pusher.busy)
-    false = b"<" + state + b"|MPos:8.000,0.000,0.000|FS:0,0>\r\n"
+    false = b"<Idle|MPos:8.000,0.000,0.000|FS:0,0>\r\n"
     stage.line.to_host = lambda data: false if b"MPos" in data else data
 
     def asked_for_ever() -> bool:
@@ -533,14 +482,6 @@ def test_two_reports_that_agree_move_no_pusher_that_rests(stage, state):
     with pytest.raises(Jumped, match=r"it was at 0\.0100 m and then, at once, at 0\.0080 m"):
         stage.drive(pusher, asked_for_ever)
     assert pusher.doubt is not None
-
-
-def test_a_wrong_work_offset_displaces_nothing(stage):
-    pusher = under_way(stage, 0.03)
-    stage.line.to_host = once(b"WCO:0.000", b"WCO:9.000")
-    reports = stage.drive(pusher, lambda: not pusher.busy)
-    assert all(0.009 < report.position < 0.0301 for report in reports)
-    assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
 
 
 @pytest.mark.parametrize(("axis", "letter"), [(1, "Y"), (2, "Z")])
@@ -572,17 +513,9 @@ def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving)
     stage.drive(pusher, lambda: not pusher.busy)
 
 
-def test_a_damaged_digit_of_another_axis_ends_no_stroke(stage):
-    pusher = under_way(stage, 0.03)
-    stage.line.to_host = once(b",0.000,0.000|", b",0.000,7.000|")
-    stage.drive(pusher, lambda: not pusher.busy)
-    assert stage.controller.position() == pytest.approx(0.03, abs=1e-9)
-    assert pusher.dropped == 1
-
-
-@pytest.mark.parametrize("wrong", [b"WCO:9.000", b"WCO:-9.000"])
 @pytest.mark.parametrize("often", [True, False])
-def test_the_first_work_offset_is_confirmed_by_its_parts(stage, wrong, often):
+def test_the_first_work_offset_is_confirmed_by_its_parts(stage, often):
+    wrong = b"WCO:-9.000"
     stage.line.to_host = (lambda data: data.replace(b"WCO:0.000", wrong)) if often else once(b"WCO:0.000", wrong)
     pusher = Grbl(stage.line.port, silence=2.0)
     pusher.connect()
@@ -637,15 +570,6 @@ def test_answers_that_come_late_leave_a_stroke_even(late):
     assert stroke.sent == 0.1
 
 
-@pytest.mark.parametrize("way", ["delay_to_host", "delay_to_controller"])
-def test_answers_that_come_late_end_no_stroke(stage, way):
-    pusher = stage.driver()
-    setattr(stage.line, way, 0.1)
-    pusher.move_to(0.02, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
-    assert stage.controller.position() == pytest.approx(0.02, abs=1e-9)
-
-
 def test_a_controller_that_answers_too_late_gets_no_stroke(stage):
     pusher = stage.driver(silence=0.5)
     stage.line.delay_to_host = 0.7
@@ -683,14 +607,6 @@ def test_unevenness_is_that_of_the_middle_of_a_stroke():
     assert unevenness(varied[:4], 0.0, 0.1) == 0.0  # too few
 
 
-def test_an_impossible_feed_is_not_published(stage):
-    pusher = under_way(stage, 0.03)
-    stage.line.to_host = once(b"FS:1", b"FS:91")
-    reports = stage.drive(pusher, lambda: not pusher.busy)
-    assert max(report.speed for report in reports) < 0.03
-    assert pusher.dropped >= 1
-
-
 def test_a_position_that_jumps_for_good_is_no_position_any_more(stage):
     """For example after a power cut, if the greeting was lost."""
     pusher = under_way(stage)
@@ -701,7 +617,7 @@ def test_a_position_that_jumps_for_good_is_no_position_any_more(stage):
     assert error.fault.name in ("POSITION", "WAY")
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(6))
 def test_random_damage_of_the_line_leads_no_pusher_astray(stage, seed):
     """A sample: `pushfric rehearse --damage` does it as often as it is told, on any controller."""
     end, damage = 0.02, random_damage(seed)
@@ -764,22 +680,6 @@ def test_a_restart_in_the_middle_of_a_report_is_heard(stage):
     stage.fails(pusher, NotConnected, "restarted")
 
 
-def test_an_echo_of_all_that_is_sent_disturbs_nothing(stage):
-    """The echo may come in the middle of a report or an answer."""
-
-    def echoed(data: bytes) -> bytes:
-        stage.line.tell_host(data)
-        return data
-
-    stage.line.to_controller = echoed
-    stage.line.to_host = lambda data: data.replace(b"ok", b"o?k").replace(b"MPos:", b"MP?os:")
-    pusher = stage.driver()
-    pusher.move_to(0.01, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
-    assert stage.controller.position() == pytest.approx(0.01, abs=1e-9)
-    assert pusher.dropped == 0
-
-
 def test_what_is_plausible():
     plausibility = Plausibility()
     assert plausibility.judge(0.01, 0.0, 0.01, SPEED, 0.1, 0.1) == (True, None)
@@ -810,13 +710,7 @@ def test_what_is_plausible_in_a_stroke(forward):
 
 def test_the_bytes_that_are_ever_sent(stage):
     """No setting is changed, and nothing but a jog moves; see docs/hardware.md."""
-    sent = bytearray()
-
-    def listen(data: bytes) -> bytes:
-        sent.extend(data)
-        return data
-
-    stage.line.to_controller = listen
+    sent = stage.listen()
     pusher = under_way(stage, 0.03)
     pusher.stop()
     stage.drive(pusher, lambda: not pusher.busy)

@@ -7,12 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 from problems import observations_of
 
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.limit_surface import LimitSurface
-from pushfric_core.report.figures import limit_surface_figure, summary_figure
+from pushfric_core import TABLE_1, Estimator
+from pushfric_core.report.figures import summary_figure
 
 KNOWN = TABLE_1["rubber_rect4"]
 DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 12, np.random.default_rng(5))
@@ -65,42 +61,6 @@ def test_the_histogram_counts_every_lower_bound_and_marks_p90_and_max(drawn, est
     assert labels(axes)[:2] == [f"90 %: {last.mu_c_p90:.2f}", f"100 %: {last.mu_c_max:.2f}"]
 
 
-@pytest.mark.parametrize("truth", [KNOWN, None])
-def test_no_curve_is_clipped_and_the_spread_is_drawn(drawn, estimates, tmp_path, truth):
-    assert estimates[-1].spread is not None
-    summary_figure(tmp_path / "figure.png", KNOWN.outline, estimates, DATA, truth)
-    axes = panel(drawn[0], "p_{CF}" if truth else "Centre of friction")
-    low, high = axes.get_ylim()
-    for line in axes.lines:
-        values = line.get_ydata()[np.isfinite(line.get_ydata())]
-        assert (values >= low).all()
-        assert (values <= high).all()
-    assert len(axes.collections) == (0 if truth else 2)
-    friction = panel(drawn[0], "Support friction")
-    (ellipse,) = friction.patches
-    # the ellipse reaches as far along x and y as the covariance says
-    corners = friction.transData.inverted().transform(ellipse.get_verts()) - ellipse.get_center()
-    half = 1e3 * np.sqrt(-2 * np.log(0.1) * np.diag(estimates[-1].spread.covariance))
-    np.testing.assert_allclose(np.abs(corners).max(axis=0), half, rtol=0.02)
-
-
-@pytest.mark.parametrize("count", [1, 2, 12])
-def test_data_points_are_counted_in_whole_numbers(drawn, estimates, tmp_path, count):
-    summary_figure(tmp_path / "figure.png", KNOWN.outline, estimates[:count], DATA[:count], None)
-    for axis in (panel(drawn[0], "Lower bounds").yaxis, panel(drawn[0], "Centre of friction").xaxis):
-        ticks = axis.get_majorticklocs()
-        assert len(ticks)
-        assert (ticks == np.round(ticks)).all()
-
-
-def test_slipping_pushes_are_marked(drawn, estimates, tmp_path):
-    summary_figure(tmp_path / "figure.svg", KNOWN.outline, estimates, DATA, None, slipping=(1, 2, 5))
-    axes = panel(drawn[0], "Lower bounds")
-    every, slipping = axes.containers
-    assert (sum(heights(every)), sum(heights(slipping))) == (len(DATA), 3)
-    assert "slipping" in labels(axes)
-
-
 def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):
     data = DATA[0]
     pull = data.__class__(data.contact_point, tuple(-n for n in data.contact_normal), data.twist)
@@ -114,28 +74,3 @@ def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):
     assert labels(axes) == ["90 %: inf", "100 %: inf"]
     assert axes.get_xlim()[1] == pytest.approx(2.05)
     assert axes.get_xticklabels()[-1].get_text() == ">2"
-
-
-def test_the_limit_surface_shows_its_reachable_part_and_its_section(drawn, tmp_path):
-    """Figure 12: the rod on two supports, whose section is the diamond |fy| + |m| / 50 mm = 1."""
-    rod = LimitSurface(Support(0.05 * np.array(((-1, 0), (1, 0))), np.full(2, 1 / 2)))
-    contacts = np.array(((-0.05, 0.0), (0.0, 0.0), (0.05, 0.0)))
-    limit_surface_figure(tmp_path / "figure.pdf", rod, contacts, np.tile((0.0, -1.0), (3, 1)), 0.0)
-    space, section = drawn[0].axes
-    reached = np.array([np.ravel(line.get_data_3d()) for line in space.lines[-3:]])
-    np.testing.assert_allclose(reached, [(0, 0.5, -25), (0, 1, 0), (0, 0.5, 25)], atol=1e-9)
-    exact, axes, fitted = (line.get_xydata() for line in section.lines)
-    np.testing.assert_allclose(np.abs(exact[:, 0]) + np.abs(exact[:, 1]) / 50, 1)
-    np.testing.assert_array_equal(exact[0], exact[-1])
-    np.testing.assert_allclose(axes[:, 0] ** 2 + (axes[:, 1] / 50) ** 2, 1)
-    form = rod.fitted_ellipsoid().form[1:, 1:]
-    np.testing.assert_allclose(np.einsum("ki,ij,kj->k", fitted / (1, 1e3), form, fitted / (1, 1e3)), 1)
-
-
-@pytest.mark.parametrize(
-    ("name", "error"),
-    [("figure.xyz", "not the name of an image; expected one that ends with .eps"), ("no/figure.png", "cannot be written")],
-)
-def test_an_image_that_cannot_be_written_says_so(estimates, tmp_path, name, error):
-    with pytest.raises(InvalidInput, match=error):
-        summary_figure(tmp_path / name, KNOWN.outline, estimates, DATA, None)

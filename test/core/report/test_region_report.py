@@ -4,30 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from problems import observations_of
 
-from pushfric_core.estimation.push_choice import next_pushes, slip_pushes
-from pushfric_core.estimation.region import HalfPlanes, line_of_motion
-from pushfric_core.geometry.planar import Twist
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.report.region import narrowed, region_report
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core import TABLE_1, HalfPlanes, next_pushes, slip_pushes
+from pushfric_core.report.region import region_report
 
 NAME = "wood_rect3"
 KNOWN = TABLE_1[NAME]
-DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 8, np.random.default_rng(3))
-ABOUT_ITS_CONTACT = Observation((0.02, -0.032), (0.0, -1.0), Twist(-0.032, -0.02, 1.0), push_id=3)
-
-
-def test_every_data_point_except_a_turn_about_the_contact_narrows():
-    warnings: list[str] = []
-    half_planes = narrowed(KNOWN.outline, [*DATA[:4], ABOUT_ITS_CONTACT, *DATA[4:]], 0.002, warnings.append)
-    expected = HalfPlanes(KNOWN.outline, 0.002)
-    for observation in DATA:
-        expected.add(line_of_motion(observation))
-    assert half_planes.region().polygon.equals(expected.region().polygon)
-    assert len(warnings) == 1
-    assert "data point of push 3 refused: the object turned about its contact" in warnings[0]
 
 
 def test_the_report_is_plain_and_complete():

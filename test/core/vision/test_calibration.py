@@ -90,28 +90,12 @@ def assert_recovered(lens: Lens) -> None:
     assert np.abs(off - off.mean(axis=0)).max() < 0.5  # a shift of the principal point acts like a tilt of the camera
 
 
-def test_corners_are_found_where_they_are(flat, pictures):
-    for place, frame in zip((FLAT, *VIEWS), (flat, *pictures), strict=True):
-        view = BoardFinder(BOARD).view(frame)
-        misses = over_board(*place).project(view.points) - view.pixels
-        assert len(view.ids) >= 25
-        assert np.sqrt(np.mean(misses**2)) < 0.05
-
-
 def test_the_lens_is_recovered(views):
     calibration = calibrate_lens(views, 640, 480)
     assert_recovered(calibration.lens)
     assert calibration.rms_px < 0.05
     assert calibration.view_rms_px.shape == (8,)
     assert 0 < calibration.focal_error < 0.002
-
-
-def test_the_table_is_recovered_from_the_board(flat):
-    view = BoardFinder(BOARD).view(flat)
-    calibration = calibrate_table(LENS, [Placement(view.pixels, view.points)])
-    assert calibration.rms_px < 0.1
-    assert calibration.rms == pytest.approx(calibration.rms_px * calibration.camera.metres_per_pixel(), rel=0.1)
-    np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)  # [m]
 
 
 def test_from_pictures_to_a_file(tmp_path, flat, pictures):
@@ -193,41 +177,10 @@ def test_too_little_tilt_is_refused(printed_board, flat):
         calibrate_lens([BoardFinder(BOARD).view(flat)] * 8, 640, 480)
 
 
-def test_parts_of_the_image_without_the_board_are_named(views):
-    left = [view._replace(pixels=view.pixels * (0.6, 1)) for view in views]
-    with pytest.raises(InvalidInput, match="never seen in parts of the image: upper right, middle right, lower right"):
-        calibrate_lens(left, 640, 480)
-
-
-def test_views_that_contradict_each_other_are_refused(views):
-    bent = views[2]._replace(pixels=views[2].pixels + 8 * np.sin(views[2].points * 60))
-    with pytest.raises(InvalidInput, match=r"reprojection error of .* px, worst in view 3: is the board flat"):
-        calibrate_lens([*views[:2], bent, *views[3:]], 640, 480)
-
-
 def test_views_that_hardly_determine_the_focal_length_are_refused(views, rng):
     blurred = [view._replace(pixels=view.pixels + rng.normal(0, 0.65, view.pixels.shape)) for view in views]
     with pytest.raises(InvalidInput, match=r"the focal length is known only to .*%"):
         calibrate_lens(blurred, 640, 480)
-
-
-def test_pictures_without_the_board_are_refused(tmp_path):
-    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((480, 640), np.uint8))
-    with pytest.raises(InvalidInput, match="board not found in 1 pictures"):
-        lens_from_frames(DeviceFrames(str(tmp_path)), BOARD, lambda line: None)
-    told: list[str] = []
-    with pytest.raises(InvalidInput, match="board not found in 1 pictures"):
-        table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
-    assert told == ["board not found yet", "1 of 1 picture left out, the board is not found: a.png"]
-
-
-def test_pictures_of_other_sizes_are_refused(tmp_path):
-    for name, shape in (("a", (480, 640)), ("b", (240, 320))):
-        cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros(shape, np.uint8))
-    with pytest.raises(InvalidInput, match="pictures of different sizes: 640 x 480 and 320 x 240"):
-        lens_from_frames(DeviceFrames(str(tmp_path)), BOARD, lambda line: None)
-    with pytest.raises(InvalidInput, match="the lens is calibrated for 640 x 480 px, the image has 320 x 240"):
-        table_from_frames(DeviceFrames(str(tmp_path / "b*.png")), BOARD, LENS, lambda line: None)
 
 
 def measured(pixels, tmp_path, head="u,v,x,y"):
@@ -252,14 +205,9 @@ def test_the_table_is_recovered_from_four_points(tmp_path):
     ("pixels", "text"),
     [
         (WIDE[:3], "too few different points: expected at least 4, got 3"),
-        ([*WIDE[:3], WIDE[0]], "too few different points: expected at least 4, got 3"),
         (
             [(100, 80), (200, 180), (300, 280), (400, 380)],
             "the points lie on a line or in one place: expected points spread over the table",
-        ),
-        (
-            [(300, 220), (320, 220), (320, 240), (300, 240)],
-            "badly spread: an error of 1 px in them grows to .* px in the image's .*; add points there",
         ),
         (
             [(20, 20), (200, 20), (200, 200), (20, 200)],
@@ -320,55 +268,11 @@ def test_the_map_says_how_far_places_are_off():
     assert np.mean(squares, axis=0).max() < 2
 
 
-def test_places_of_the_board_are_collected_from_pictures(tmp_path, printed_board):
-    told: list[str] = []
-    for number, roll in enumerate((0.0, 0.0, 0.6)):
-        place = (0.0, 0.0, roll, 0.45, 0.03 * (number == 2), 0.0)
-        cv2.imwrite(str(tmp_path / f"{number}.png"), shown(printed_board, *place))
-    calibration = table_from_frames(DeviceFrames(str(tmp_path)), BOARD, LENS, told.append)
-    assert [line.split(":")[0] for line in told[:-1]] == ["place 1", "place 2"]
-    assert told[-1] == "1 of 3 pictures left out, the board lies as in a picture before it: 1.png"
-    np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-4)
-
-
-def test_points_in_one_place_are_refused():
-    with pytest.raises(InvalidInput, match=r"badly spread|on a line or in one place"):
-        calibrate_table(LENS, [Placement(np.full((4, 2), 100.0), 1e-9 * np.array(((0.0, 0), (1, 0), (0, 1), (1, 1))))])
-
-
 def test_a_point_measured_wrongly_is_named(tmp_path):
     pixels, points = read_table_points(measured([*WIDE, (330, 240), (320, 100)], tmp_path))
     points[4] += (0.03, 0)
     with pytest.raises(InvalidInput, match=r"the points disagree by .* px \(.* mm\); the worst is number 5, by .* px"):
         calibrate_table(LENS, [Placement(pixels, points)])
-
-
-def test_a_mirrored_table_is_refused(tmp_path):
-    pixels, points = read_table_points(measured(WIDE, tmp_path))
-    with pytest.raises(InvalidInput, match="mirrored"):
-        calibrate_table(LENS, [Placement(pixels, points * (1, -1))])
-
-
-@pytest.mark.parametrize(
-    ("content", "text"),
-    [
-        ("u,v,x\n1,2,3\n", "missing column y; expected u, v, x, y"),
-        ("u,v,x,y\n1,2,3,4\n1,2,a,4\n", "line 3: x must be a number, got 'a'"),
-        ("u,v,x,y\n1,2,3\n", "line 2: y must be a number, got None"),
-        ("u,v,x,y\n1,2,inf,4\n", "line 2: x must be finite, got inf"),
-    ],
-)
-def test_a_bad_file_of_points_is_refused(tmp_path, content, text):
-    path = tmp_path / "points.csv"
-    path.write_text(content)
-    with pytest.raises(InvalidInput, match=text) as raised:
-        read_table_points(path)
-    assert str(raised.value).startswith(str(path))
-
-
-def test_a_missing_file_of_points_is_named(tmp_path):
-    with pytest.raises(InvalidInput, match=r"absent\.csv: cannot be read"):
-        read_table_points(tmp_path / "absent.csv")
 
 
 def test_the_board_is_printed_to_scale(tmp_path):
@@ -380,25 +284,11 @@ def test_the_board_is_printed_to_scale(tmp_path):
     np.testing.assert_allclose([float(side) * 25.4 / 72 for side in page], (297, 210), atol=0.01)
 
 
-def test_a_large_board_gets_a_page_of_its_own(tmp_path):
-    save_board(Board(12, 9, 0.04), tmp_path / "board.pdf")
-    (page,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", (tmp_path / "board.pdf").read_bytes())
-    assert float(page[0]) * 25.4 / 72 > 480
-    assert float(page[1]) * 25.4 / 72 > 360
-
-
-def test_a_board_that_cannot_be_written(tmp_path):
-    with pytest.raises(InvalidInput, match="cannot be written"):
-        save_board(BOARD, tmp_path / "absent" / "board.pdf")
-
-
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
         ({"columns": 3}, "must have 4 x 4 to 500 squares, got 3 x 6"),
-        ({"columns": 30, "rows": 20}, "must have 4 x 4 to 500 squares, got 30 x 20"),
         ({"square": 0.0}, "larger than 0 and smaller than 1 m, got 0"),
-        ({"square": 28.0}, "larger than 0 and smaller than 1 m, got 28"),
     ],
 )
 def test_no_real_board_is_refused(fields, text):

@@ -7,16 +7,14 @@ import pathlib
 import cv2
 import numpy as np
 import pytest
+from calls import figures
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
-from typer.testing import CliRunner
 
-from pushfric_core.commands.cli import app
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core import TABLE_1, Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_core.vision.keyframes import MOST_HELD, Keyframes, Moment
+from pushfric_core.vision.keyframes import Keyframes, Moment
 
 NAME = "rubber_rect4"
 FRAME = np.zeros((4, 4), np.uint8)
@@ -34,14 +32,6 @@ def test_a_push_gives_its_placement_begin_middle_and_end():
     assert kept(course) == [5, 10, 15, 21]
     assert kept(course * 2) == [5, 10, 15, 21, 31, 36, 41, 47]
     assert kept(course, everything=True) == list(range(26))
-
-
-def test_the_middle_of_a_long_push_is_kept_though_few_of_its_images_are_held():
-    pushed, rest = Moment(True, True, True), Moment(False, True, True)
-    count = 40 * MOST_HELD
-    begin, middle, end = kept([pushed] * count + [rest])
-    assert (begin, end) == (0, count)
-    assert middle == pytest.approx(count / 2, abs=2 * count / MOST_HELD)
 
 
 def test_each_loss_of_the_object_is_kept_once():
@@ -80,10 +70,8 @@ def foreign(request, tmp_path) -> tuple[pathlib.Path, list[Pose]]:
 
 def test_a_bag_of_others_is_tracked_with_the_settings_of_a_cell(foreign):
     folder, poses = foreign
-    arguments = ["track", str(folder / "bag"), "--object", NAME, "--cell", str(folder / "cell.yaml")]
-    ended = CliRunner().invoke(app, [*arguments, "--csv", str(folder / "poses.csv"), "--json"])
-    assert ended.exit_code == 0, ended.output
-    found = json.loads(ended.stdout)
+    arguments = ["track", folder / "bag", "--object", NAME, "--cell", folder / "cell.yaml"]
+    found = figures(*arguments, "--csv", folder / "poses.csv")
     assert (found["topic"], found["images"], found["seen"], found["compared"]) == ("/camera/image", 5, 4, 0)
     with (folder / "poses.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -94,12 +82,4 @@ def test_a_bag_of_others_is_tracked_with_the_settings_of_a_cell(foreign):
     cell = json.loads((folder / "cell.yaml").read_text())
     cell["camera"]["threshold"] = 254
     (folder / "cell.yaml").write_text(json.dumps(cell))
-    found = json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)
-    assert found["seen"] == 0
-
-
-def test_a_bag_without_images_says_how_to_record_them():
-    demo = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
-    ended = CliRunner().invoke(app, ["track", str(demo)])
-    assert ended.exit_code
-    assert "no calibration of the camera beside the bag" in str(ended.exception)
+    assert figures(*arguments)["seen"] == 0

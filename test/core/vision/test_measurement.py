@@ -6,15 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from pushfric_core.errors import InvalidInput
-from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Pose, inverse, transform
-from pushfric_core.pushers.pusher import StageConfig
+from pushfric_core import InvalidInput, Pose
+from pushfric_core.geometry.planar import inverse, transform
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera
 from pushfric_core.vision.outline_measurement import measured_outline
 from pushfric_core.vision.sighting import NotSeen
-from pushfric_core.vision.tip_measurement import measure_tip, tip_findings
+from pushfric_core.vision.tip_measurement import measure_tip
 
 PIXEL = 0.0006
 DISTORTED = (-0.2, 0.05, 0.001, -0.001, 0.0)
@@ -56,15 +54,6 @@ def test_an_outline_is_found(camera, shape):
         assert len(found) == len(known)
         off = np.hypot(*(found[:, None] - known).T).min(axis=1)
         assert off.max() < 0.3e-3
-
-
-def test_a_round_object_becomes_a_polygon_that_follows_it():
-    angles = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    disc = 0.04 * np.column_stack((np.cos(angles), np.sin(angles)))
-    outline = Outline(pictured(STRAIGHT, disc, 0.01, 3, Pose(0.1, 0.05, 0.0)))
-    assert len(outline.vertices) >= 8
-    assert outline.polygon.area == pytest.approx(math.pi * 0.04**2, rel=0.01)
-    assert np.abs(np.hypot(*outline.vertices.T) - 0.04).max() < 2 * PIXEL
 
 
 @pytest.mark.parametrize(
@@ -136,28 +125,6 @@ def test_the_tip_and_its_line_are_found(camera, kind, tip, table):
         assert found.radius == pytest.approx(RADIUS, abs=0.15e-3)
         assert found.height == pytest.approx(TOP, abs=3e-3)
         assert found.scale == pytest.approx(1.0, abs=1e-6)
-
-
-def test_wrong_entries_of_the_pusher_are_named():
-    images = strokes(STRAIGHT, TIP, (0.08, 0.03), 0.5, 0)
-    found = measure_tip(STRAIGHT, POSITIONS, images, 0.003)
-    right = StageConfig((0.08, 0.03), (math.cos(0.5), math.sin(0.5)), RADIUS, 0.06, 0.1)
-    assert tip_findings(found, right, height_is_given=False) == []
-    wrong = StageConfig((0.081, 0.03), (math.cos(0.51), math.sin(0.51)), 0.003, 0.06, 0.1)
-    findings = tip_findings(found, wrong, height_is_given=False)
-    assert [finding.split()[0] for finding in findings] == ["line_origin", "line_direction", "tip_radius"]
-
-
-def test_a_stroke_of_another_length_than_the_controller_says_is_named():
-    images = strokes(STRAIGHT, TIP, (0.08, 0.03), 0.5, 0, scale=1.02)
-    found = measure_tip(STRAIGHT, POSITIONS, images, 0.003, TOP)
-    assert found.scale == pytest.approx(1.02, abs=2e-3)
-    stage = StageConfig((0.08, 0.03), (math.cos(0.5), math.sin(0.5)), RADIUS, 0.06, 0.1)
-    (finding,) = tip_findings(found, stage, height_is_given=True)
-    assert finding == "the stroke is 2.0 % longer than the controller says: check its steps per millimetre"
-    short = strokes(STRAIGHT, TIP, (0.08, 0.03), 0.5, 0, scale=0.9)
-    with pytest.raises(InvalidInput, match=r"the stroke looks 8\.\d % shorter than the controller says"):
-        measure_tip(STRAIGHT, POSITIONS, short, 0.003)
 
 
 def test_what_is_no_tip_is_refused():

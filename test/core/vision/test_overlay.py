@@ -1,7 +1,6 @@
 """What is drawn over the camera's picture lies where the camera sees it."""
 
 import numpy as np
-import pytest
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, transform
@@ -48,19 +47,3 @@ def test_its_place_is_dashed_until_it_lies_there():
     overlay.ghost(PLACE, PLACE, in_place=True)
     assert share(overlay.picture, PLACED, PLACE) > 0.9
     assert share(overlay.picture, GHOST, PLACE) == 0
-
-
-@pytest.mark.parametrize("scale", [1, 2])
-def test_the_arrow_leads_from_the_object_to_its_place(scale):
-    overlay = drawn()
-    overlay.ghost(PLACE, Pose(FAR.x / scale, FAR.y / scale, 0.0), in_place=False)
-    way = np.linspace((FAR.x / scale, FAR.y / scale), (PLACE.x, PLACE.y), 50)[5:20]
-    pixels = np.rint(CAMERA.project(way, HEIGHT)).astype(int)
-    assert coloured(overlay.picture, GHOST, pixels) > 0.8
-
-
-def test_a_table_out_of_sight_draws_nothing_wrong():
-    away = Camera.looking_down(640, 480, (5.0, 5.0), 0.0005)
-    overlay = Overlay(np.full((480, 640), 90, np.uint8), away, OUTLINE, HEIGHT)
-    overlay.table()
-    assert (overlay.picture == 90).all()

@@ -4,11 +4,10 @@ import pathlib
 
 import pytest
 
+from pushfric_core import TABLE_1, InvalidInput
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_msgs.msg import FrictionEstimate, PusherState
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import compose

@@ -3,12 +3,10 @@
 import contextlib
 import json
 import math
-import os
 import pathlib
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 
@@ -16,14 +14,12 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from calls import PROGRAM, invoked, pushfric, wait_until
 from sensor_msgs.msg import Image
-from typer.testing import CliRunner
 
+from pushfric_core import InvalidInput, Pose
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.commands.cli import app
 from pushfric_core.commands.frames import frames_from
-from pushfric_core.errors import InvalidInput
-from pushfric_core.geometry.planar import Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
@@ -74,7 +70,7 @@ def cell(tmp_path):
 
 
 def measured(*arguments):
-    return CliRunner().invoke(app, ["calibrate", "tip", *map(str, arguments)])
+    return invoked("calibrate", "tip", *arguments)
 
 
 def tip_pictures(folder, positions):
@@ -117,7 +113,6 @@ def test_the_tip_is_written_into_the_cells_file(cell):
     ("arguments", "said"),
     [
         (["--force"], "shows no live camera: give --positions"),
-        (["--force", "--positions", "0,a"], "--positions must be numbers with commas between them, got '0,a'"),
         (["--force", "--positions", "0"], "2 pictures, but --positions names 1"),
         (["--out", "none"], "none: no such folder"),
     ],
@@ -154,8 +149,7 @@ def live_cell(cell, ros):
 
 def test_the_pusher_goes_along_its_stroke_and_back(cell, ros):
     with live_cell(cell, ros) as controller:
-        command = [sys.executable, "-m", "pushfric_core", "calibrate", "tip", str(cell), "--force", "--speed", "0.05"]
-        run = subprocess.run(command, capture_output=True, text=True, timeout=280, stdin=subprocess.DEVNULL, env=os.environ)
+        run = pushfric("calibrate", "tip", cell, "--force", "--speed", "0.05")
         assert run.returncode == 0, run.stderr
         assert controller.position() == pytest.approx(0.0, abs=1e-6)
     pusher = load_cell(cell).pusher
@@ -166,13 +160,10 @@ def test_the_pusher_goes_along_its_stroke_and_back(cell, ros):
 def test_ctrl_c_stops_the_pusher_and_writes_nothing(cell, ros):
     with live_cell(cell, ros) as controller:
         before = cell.read_text()
-        command = [sys.executable, "-m", "pushfric_core", "calibrate", "tip", str(cell), "--force", "--speed", "0.001"]
+        command = [*PROGRAM, "calibrate", "tip", str(cell), "--force", "--speed", "0.001"]
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, stdin=subprocess.DEVNULL) as run:
-            deadline = time.monotonic() + 120
-            while controller.position() < 1e-3:
-                assert time.monotonic() < deadline
-                assert run.poll() is None, run.communicate()
-                time.sleep(0.01)
+            wait_until(lambda: controller.position() > 1e-3 or run.poll() is not None, "a motion")
+            assert run.poll() is None, run.communicate()
             run.send_signal(signal.SIGINT)
             _, said = run.communicate(timeout=120)
         assert run.returncode == 130, said
@@ -180,15 +171,6 @@ def test_ctrl_c_stops_the_pusher_and_writes_nothing(cell, ros):
         assert controller.position() < STROKE / 2
         assert controller._motion is None
         assert cell.read_text() == before
-
-
-def test_a_topic_without_frames_says_so(monkeypatch):
-    monkeypatch.setattr(topic_frames, "FRAME_TIMEOUT", 0.2)
-    with (
-        frames_from("topic", "/nobody") as source,
-        pytest.raises(InvalidInput, match="no frames from /nobody/image_raw"),
-    ):
-        next(iter(source))
 
 
 def test_the_keys_of_its_json_are_documented(cell):
@@ -199,3 +181,12 @@ def test_the_keys_of_its_json_are_documented(cell):
     keys = {f"pusher.{key}" for key in told["pusher"]} | {"findings", "files"}
     table = DOCS.read_text().split("\n`calibrate tip`:\n\n")[1].split("\n\n")[0]
     assert keys == {key for row in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE) for key in re.findall("`(.*?)`", row)}
+
+
+def test_a_topic_without_frames_says_so(monkeypatch):
+    monkeypatch.setattr(topic_frames, "FRAME_TIMEOUT", 0.2)
+    with (
+        frames_from("topic", "/nobody") as source,
+        pytest.raises(InvalidInput, match="no frames from /nobody/image_raw"),
+    ):
+        next(iter(source))

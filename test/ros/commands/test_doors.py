@@ -7,15 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from calls import figures
 from geometry_msgs.msg import Point, Vector3
 from problems import observations_of
-from rclpy.parameter import Parameter
-from typer.testing import CliRunner
 
 from pushfric_core import Estimator, HalfPlanes, Recognizer, convex_quartic, named_ellipsoid, next_pushes, predict, stability
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import encoder
-from pushfric_core.commands.cli import app
 from pushfric_core.datasets import stablepush, zhou2015
 from pushfric_core.estimation.region import RegionConfig, line_of_motion
 from pushfric_core.files.model_file import load_model
@@ -29,6 +27,7 @@ from pushfric_core.report.report import to_json
 from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, FrictionModel, Observation, Recognition
 from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
@@ -172,16 +171,10 @@ def by_python(case, model):
     return plain(answers)
 
 
-def said(*arguments):
-    run = CliRunner().invoke(app, [*map(str, arguments), "--json"], catch_exceptions=False)
-    assert run.exit_code == 0, run.output
-    return json.loads(run.stdout)
-
-
 def planned(source, folder, *options):
     """What the commands for planners answer."""
-    moved = said("predict", source, "--pushes", folder / "moved.csv", *options)
-    held = said("stable", source, "--pushes", folder / "turned.csv", *options)
+    moved = figures("predict", source, "--pushes", folder / "moved.csv", *options)
+    held = figures("stable", source, "--pushes", folder / "turned.csv", *options)
     return {
         "predict": [[row[key] for row in moved] for key in ("twist", "mode", "spread", "force", "covariance")],
         "stable": [[row[key] for row in held] for key in ("stable", "margin", "probability")],
@@ -190,7 +183,7 @@ def planned(source, folder, *options):
 
 def by_command(source, model, folder, *options):
     """The answers of the commands to a CSV or a bag."""
-    estimate, region = said("estimate", source, *options), said("region", source, *options)
+    estimate, region = figures("estimate", source, *options), figures("region", source, *options)
     answers = planned(source, folder, *options) | {
         "estimate": {key: estimate.get(key) for key in ("objective", "w", "center_of_friction", "confidence", "data_points")}
         | {"mu_c": [estimate["mu_c"]["p90"], estimate["mu_c"]["value"], estimate["mu_c"]["interval"][0]]}
@@ -199,7 +192,7 @@ def by_command(source, model, folder, *options):
         "next push": [[one[key] for key in ("edge", "offset", "angle", "expected_area")] for one in region["next_pushes"]],
     }
     if model.hypotheses:
-        ranking = said("recognize", source, *options)["hypotheses"]
+        ranking = figures("recognize", source, *options)["hypotheses"]
         answers["recognize"] = [[one[key] for key in ("name", "fit_error", "ratio")] for one in ranking]
     return answers
 
@@ -221,7 +214,7 @@ def by_node(ros, case, model):
     node = ros.node("asking", namespace="/cell")
     ros.compose(PlannerNode(namespace="/cell"))
     given = {"object": str(case.folder / OBJECT_FILE), "source": "observations"}
-    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=[Parameter(k, value=v) for k, v in given.items()]))
+    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=overrides(given)))
     last, count = {}, len(case.observations)
     for kind, topic in TOPICS.items():
         node.create_subscription(kind, topic, lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
@@ -318,7 +311,7 @@ def test_every_door_gives_the_same_answers(case, ros):
     of_object = "--object", asked.folder / OBJECT_FILE
     assert by_command(folder / "data.csv", model, folder, *of_object) == without(expected, "limit surface")
     assert by_command(folder / "bag", model, folder) == without(expected, "limit surface")
-    said("estimate", folder / "bag", "--save", folder / "model.yaml")
+    figures("estimate", folder / "bag", "--save", folder / "model.yaml")
     answers = by_model(folder / "model.yaml", folder)
     assert answers == {question: expected[question] for question in answers}
     if asked.held is not None:

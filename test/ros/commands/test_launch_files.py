@@ -18,15 +18,6 @@ def started(launchable, folder, **given):
     return namespace, {spec.name: spec for spec in specs}
 
 
-@pytest.mark.parametrize("namespace", ["/cell", "/left"])
-def test_the_demo_starts_under_any_name(tmp_path, namespace):
-    found, nodes = started(DEMO, tmp_path, bag=str(tmp_path / "bag"), namespace=namespace)
-    assert found == namespace
-    assert set(nodes) == {"simulated_cell", "recorder", "estimator", "tracker", "actuator", "experiment"}
-    assert nodes["recorder"].parameters["bag"] == str(tmp_path / "bag")
-    assert nodes["simulated_cell"].remappings == ({} if namespace == "/cell" else {"/clock": "/left/clock"})
-
-
 @pytest.mark.parametrize(("address", "port"), [("auto", 0), ("9001", 9001)])
 def test_each_launch_file_has_a_view_if_it_is_asked_for(tmp_path, address, port):
     for launchable, given in (

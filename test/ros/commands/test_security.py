@@ -12,8 +12,7 @@ from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands import security
 from pushfric_ros.commands.security import Permission
-from pushfric_ros.node_kit import person as person_module
-from pushfric_ros.node_kit.person import NoAnswer, Person
+from pushfric_ros.node_kit.person import Person
 from pushfric_ros.node_kit.visit import Visit
 from pushfric_ros.nodes.monitor import MonitorNode
 
@@ -110,12 +109,3 @@ def test_the_nodes_of_the_command_line_serve_nothing(ros):
         assert [*monitor.node.services] == []
     with Person("/left", "/left/command_line") as person:
         assert [*person._node.services] == []
-
-
-def test_a_jog_that_may_not_push_is_one_line(ros, monkeypatch):
-    def forbidden(*_):
-        raise ValueError("Failed to create action client: create_client() failed to create response DataReader")
-
-    monkeypatch.setattr(person_module, "ActionClient", forbidden)
-    with Person("/left", "/left/command_line") as person, pytest.raises(NoAnswer, match="do not allow to push"):
-        person.jog(0.01, 0.01)

@@ -110,14 +110,6 @@ def test_a_process_is_what_a_fresh_interpreter_would_be(start):
     assert int(lines[0]) == 4  # three streams, and the folder that is listed
 
 
-def test_a_process_that_is_interrupted_before_it_is_a_node_says_nothing(start):
-    process = start(WAITS)
-    assert process.output.readline() == "waits\n"
-    os.kill(process.pid, signal.SIGINT)
-    process.wait(PATIENCE)
-    assert process.output.read() == ""
-
-
 def test_ps_shows_the_name_of_a_process_and_its_environment(server, start):
     process = start(WAITS, "--ros-args", "-r", "__node:=tracker")
     assert process.output.readline() == "waits\n"
@@ -127,27 +119,6 @@ def test_ps_shows_the_name_of_a_process_and_its_environment(server, start):
     assert fork_server.__name__ not in shown
     own = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}".encode()
     assert own in pathlib.Path(f"/proc/{process.pid}/environ").read_bytes().split(b"\0")
-
-
-def test_a_process_has_its_own_variables_besides_those_of_the_server(start):
-    program = "import os; print([os.environ.get(name) for name in ('ROS_DOMAIN_ID', 'OF_A_NODE')])"
-    domain = os.environ["ROS_DOMAIN_ID"]
-    assert start(program, OF_A_NODE="it").output.read() == f"{[domain, 'it']}\n"
-    assert start(program).output.read() == f"{[domain, None]}\n"
-
-
-def test_a_signal_reaches_a_process_as_soon_as_it_is_known(start):
-    for _ in range(20):
-        process = start(WAITS)
-        os.killpg(process.pid, signal.SIGTERM)
-        process.wait(PATIENCE)
-        assert process.returncode == -signal.SIGTERM
-
-
-def test_a_wait_ends_after_its_time(start):
-    process = start(WAITS)
-    process.wait(0.05)
-    assert process.running
 
 
 def test_a_server_that_cannot_import_says_so(monkeypatch, capfd):
@@ -214,12 +185,3 @@ def test_a_killed_client_takes_the_server_and_its_processes_along(tmp_path):
     for watch in watched:
         assert select.select([watch], [], [], PATIENCE)[0]
         os.close(watch)
-
-
-def test_a_server_that_was_prepared_for_nothing_ends_with_its_client():
-    program = "from pushfric_ros.graph import fork_server as f; f.prepare(); print(f.prepared().pid)"
-    pid = int(subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout)
-    deadline = time.monotonic() + PATIENCE
-    while fork_server._runs(pid):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)

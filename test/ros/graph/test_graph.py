@@ -7,14 +7,13 @@ import pytest
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.recorded import ObservationSource
-from pushfric_core.cell.node_settings import Discovery, PlanConfig, PlannerConfig, ViewConfig
+from pushfric_core.cell.node_settings import PlanConfig, PlannerConfig, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.composition import compose
-from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.qos import LATCHED
 
 PLAN = "pushes: [{edge: 0, offset: 0.03}, {edge: 2, offset: -0.02}]"
@@ -103,21 +102,3 @@ def test_two_simulated_cells_keep_their_own_time(ros, tmp_path):
         ros.wait_for(lambda clock=clock: len(node.get_subscriptions_info_by_topic(clock)) >= 1, what=f"a listener to {clock}")
         for endpoint in (*node.get_publishers_info_by_topic(clock), *node.get_subscriptions_info_by_topic(clock)):
             assert endpoint.node_namespace == namespace
-
-
-def test_in_a_simulated_cell_nobody_is_given_up_as_soon_as_in_a_real_one(tmp_path):
-    """Whoever is silent there has died, or has not had the processor for a while."""
-    specs = graph.simulated_cell(demo_cell("rubber_rect4", tmp_path), "bag", seed=0, speed=5.0)
-    given = {name: value for spec in specs for name, value in spec.parameters.items()}
-    patience = ("lost_object", "lost_result", "owner_timeout", "requires_timeout", "silence")
-    assert {name: given[name] for name in patience} == dict.fromkeys(patience, graph.LEAST_TIMEOUT)
-
-
-def test_the_nodes_are_told_who_may_reach_them(monkeypatch, tmp_path):
-    for name in network.VARIABLES:
-        monkeypatch.delenv(name, raising=False)
-    cell = dataclasses.replace(demo_cell("wood_rect4", tmp_path), discovery=Discovery.SUBNET)
-    specs = graph.simulated_cell(cell, "bag", seed=0, speed=1.0)
-    assert [spec.environment for spec in specs] == [{network.RANGE: "SUBNET"}] * 6
-    monkeypatch.setenv("ROS_STATIC_PEERS", "192.0.2.7")
-    assert [spec.environment for spec in graph.cell(cell, "bag")] == [{}] * 5

@@ -59,16 +59,6 @@ def test_a_node_that_keeps_dying_ends_the_run(run, monkeypatch):
     assert said.count("tracker: no camera") == 3
 
 
-def test_deaths_far_apart_are_forgiven(run, monkeypatch, tmp_path):
-    """The same node dies three times and then does its work; the time limit is too short for three deaths."""
-    monkeypatch.setattr(supervisor, "DEATHS_WITHIN", 0.0)
-    lives = tmp_path / "lives"
-    dies = f"open({str(lives)!r}, 'a').write('x'); raise SystemExit(len(open({str(lives)!r}).read()) < 4)"
-    ended, said = run(tracker=node("tracker", dies, respawn=True, ends_run=True))
-    assert ended == (0, "tracker has finished")
-    assert len(said) == 3
-
-
 def test_a_node_with_unusable_input_is_not_started_again(run):
     ended, said = run(tracker=node("tracker", "raise SystemExit(2)", respawn=True))
     assert ended == (2, "tracker ended with exit code 2")
@@ -87,11 +77,6 @@ def test_a_node_that_fails_at_the_end_is_known(monkeypatch):
             time.sleep(0.01)
         assert nodes.poll() is None
     assert nodes.failed_at_the_end == (1, "recorder ended with exit code 1")
-
-
-def test_a_killed_node_is_named_with_its_signal(run):
-    ended, _ = run(other=node("other", "import os; os.kill(os.getpid(), 9)"))
-    assert ended == (1, "other was killed by SIGKILL")
 
 
 def test_a_stopped_node_has_died(run, monkeypatch, tmp_path):
@@ -188,10 +173,3 @@ def test_a_node_that_cannot_be_started_leaves_nothing(temporary):
     assert not nodes._processes["other"].running
     assert handlers() == before
     assert list(temporary.iterdir()) == []
-
-
-def test_a_node_gets_its_own_variables_besides_those_of_the_supervisor(run, monkeypatch):
-    monkeypatch.setenv("OF_ALL", "1")
-    program = "import os; print(os.environ['OF_ALL'], os.environ['OF_ONE'])"
-    _, said = run(one=node("one", program, ends_run=True, environment={"OF_ONE": "2"}))
-    assert said == ["one: 1 2"]

@@ -11,19 +11,14 @@ from problems import observations_of
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pushfric_core import TABLE_1, Estimator, Pose
 from pushfric_core.bags.samples import stamp_from_msg
-from pushfric_core.cell.node_settings import FrameConfig
 from pushfric_core.estimation.estimate_report import EstimateReport
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.estimation.push_choice import next_pushes
-from pushfric_core.estimation.region import HalfPlane, HalfPlanes
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.frames import OBJECT, TABLE, put_prefix
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.geometry.frames import OBJECT, TABLE
 from pushfric_core.vision.camera import Camera
-from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg, region_to_msg
-from pushfric_ros.messages.markers import DISC_SHARE, estimate_to_markers, region_to_markers
+from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg
+from pushfric_ros.messages.markers import estimate_to_markers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform, object_transform
 
 NAME = "rubber_rect4"
@@ -34,20 +29,8 @@ DATA = observations_of(OUTLINE, TABLE_1[NAME].support, 0.5, 5, np.random.default
 @pytest.fixture
 def estimate():
     estimator = Estimator(load_object(NAME).support_points)
-    for observation in DATA:
-        last = estimator.add(observation)
+    last = estimator.add(DATA)
     return estimate_to_msg(EstimateReport.of(last, NAME))
-
-
-def by_namespace(array: MarkerArray) -> dict[str, list[Marker]]:
-    found: dict[str, list[Marker]] = {}
-    for marker in array.markers:
-        found.setdefault(marker.ns, []).append(marker)
-    return found
-
-
-def points(marker):
-    return np.array([(point.x, point.y) for point in marker.points])
 
 
 def test_all_markers_are_in_the_object_frame_at_the_newest_data_point(estimate):
@@ -62,75 +45,6 @@ def test_all_markers_are_in_the_object_frame_at_the_newest_data_point(estimate):
         assert marker.frame_locked
         assert marker.color.a > 0
         assert max(marker.scale.x, marker.scale.y, marker.scale.z) > 0
-
-
-def test_the_areas_of_the_discs_are_proportional_to_the_weights(estimate):
-    estimate.support_friction.weights = [0.5, 0.3, 0.2] + [0.0] * (len(estimate.support_friction.weights) - 3)
-    discs = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))["support_friction"]
-    assert [disc.id for disc in discs] == [0, 1, 2]
-    areas = [math.pi / 4 * disc.scale.x**2 for disc in discs]
-    assert areas == pytest.approx([share * DISC_SHARE * OUTLINE.polygon.area for share in (0.5, 0.3, 0.2)])
-    assert [disc.type for disc in discs] == [Marker.CYLINDER] * 3
-    for disc, point in zip(discs, estimate.support_friction.support_points, strict=False):
-        assert (disc.pose.position.x, disc.pose.position.y) == (point.x, point.y)
-
-
-def test_outline_center_and_text_are_those_of_the_estimate(estimate):
-    estimate.contact_friction.p90, estimate.contact_friction.max, estimate.confidence = 0.43, math.inf, math.nan
-    found = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))
-    corners = points(found["outline"][0])
-    np.testing.assert_array_equal(corners, [*OUTLINE.vertices, OUTLINE.vertices[0]])
-    assert found["center_of_friction"][0].pose.position == estimate.center_of_friction
-    assert found["mu_c"][0].text == "rubber_rect4: mu_c 0.43 (90 %), inf (100 %)"
-    assert len(found["support_points"][0].points) == len(estimate.support_friction.support_points)
-    assert "confidence" not in found
-
-
-def test_the_confidence_is_a_circle_about_the_center_of_friction(estimate):
-    estimate.confidence = 0.004
-    (circle,) = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))["confidence"]
-    center = estimate.center_of_friction.x, estimate.center_of_friction.y
-    np.testing.assert_allclose(np.linalg.norm(points(circle) - center, axis=1), 0.004)
-
-
-@pytest.mark.parametrize("mu", [0.0, 0.5, math.inf])
-def test_the_friction_cone_opens_inwards_by_mu_c_about_the_normal(estimate, mu):
-    estimate.contact_friction.p90 = mu
-    found = by_namespace(estimate_to_markers(estimate, OUTLINE, DATA[-1]))
-    contact, normal = np.array(DATA[-1].contact_point), np.array(DATA[-1].contact_normal)
-    left, tip, right = points(found["friction_cone"][0])
-    np.testing.assert_array_equal(tip, contact)
-    for edge in (left - tip, right - tip):
-        edge = edge / np.linalg.norm(edge)
-        assert math.acos(np.clip(-edge @ normal, -1, 1)) == pytest.approx(math.atan(mu), abs=2e-3)
-    start, end = points(found["contact_normal"][0])
-    np.testing.assert_array_equal(start, contact)
-    assert (end - start) @ normal == pytest.approx(np.linalg.norm(end - start))
-
-
-def region_markers(*half_planes):
-    region = HalfPlanes(OUTLINE)
-    region.add(half_planes)
-    return region_to_markers(region_to_msg(region.region(), next_pushes(region), [], 7, NAME), OUTLINE)
-
-
-def test_the_border_of_the_region_is_closed_and_an_arrow_shows_the_next_push():
-    border, arrow = region_markers(HalfPlane((-1.0, 0.0), 0.02))  # x <= -20 mm
-    assert [marker.ns for marker in (border, arrow)] == ["center_of_friction_region", "next_push"]
-    corners = points(border)
-    np.testing.assert_array_equal(corners[0], corners[-1])
-    assert corners.min(axis=0) == pytest.approx((-0.0635, -0.032))
-    assert corners.max(axis=0) == pytest.approx((-0.02, 0.032))
-    start, end = points(arrow)
-    assert end == pytest.approx((0.0635, 0.0))  # from the right, at half its height
-    assert start[0] > end[0]
-    assert start[1] == pytest.approx(0.0)
-    for marker in (border, arrow):
-        assert (marker.header.frame_id, stamp_from_msg(marker.header.stamp), marker.frame_locked) == (OBJECT, 7, True)
-
-
-def test_a_collapsed_region_has_no_markers():
-    assert region_markers(HalfPlane((0.0, 1.0), 0.1)) == []
 
 
 POSE = PoseWithCovarianceStamped()
@@ -156,16 +70,6 @@ class Recording:
     def create_publisher(self, kind, topic, qos):
         self.topics.append(topic)
         return SimpleNamespace(publish=self.sent.append)
-
-
-def test_without_tf2_msgs_it_says_so_once_and_publishes_nothing(monkeypatch):
-    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
-    node = Recording()
-    broadcaster = TransformBroadcaster(node, "")
-    broadcaster.broadcast(object_transform(POSE))
-    broadcaster.broadcast(object_transform(POSE))
-    assert (len(node.lines), node.topics, node.sent) == (1, [], [])
-    assert "tf2_msgs is not installed" in node.lines[0]
 
 
 @pytest.mark.parametrize("prefix", ["", "left/"])
@@ -199,31 +103,3 @@ def test_the_camera_is_where_its_calibration_says(tilt):
     for point in ((0.0, 0.0), (0.2, 0.1), (-0.1, 0.3)):
         ray = K @ (to_table.T @ (np.array((*point, 0.0)) - place))
         assert camera.project([point])[0] == pytest.approx(ray[:2] / ray[2])
-
-
-@pytest.mark.parametrize(
-    ("given", "namespace", "prefix"),
-    [
-        ("auto", "/cell", ""),
-        ("auto", "/", ""),
-        ("auto", "/hall/left", "hall/left/"),
-        ("", "/left", ""),
-        ("a/b/", "/left", "a/b/"),
-    ],
-)
-def test_frames_of_two_cells_differ(given, namespace, prefix):
-    assert FrameConfig(given).within(namespace) == prefix
-
-
-@pytest.mark.parametrize("prefix", ["left", "/left/", "a b/"])
-def test_a_prefix_ends_with_a_slash(prefix):
-    with pytest.raises(ValueError, match="frame_prefix must be like left/ or empty"):
-        FrameConfig(prefix)
-
-
-def test_messages_that_share_a_header_get_its_prefix_once(estimate):
-    markers = estimate_to_markers(estimate, OUTLINE, DATA[-1])
-    for part in (estimate, estimate.support_friction, estimate.contact_friction, markers, markers):
-        put_prefix(part, "left/")
-    headed = (estimate, estimate.support_friction, estimate.contact_friction, *markers.markers)
-    assert {part.header.frame_id for part in headed} == {"left/object"}

@@ -3,13 +3,13 @@
 from types import SimpleNamespace
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped
 
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import diagnostics
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
-from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.qos import RELIABLE
 
 
 @pytest.fixture
@@ -70,31 +70,3 @@ def test_lost_messages_are_counted(ros, watched, monkeypatch):
         handler.callback(SimpleNamespace(total_count_change=count))
     assert watched.lost == 5
     assert reported(ros, watched, monkeypatch, 11.0)["points lost"] == "5"
-
-
-def test_of_a_publisher_that_promises_less_what_comes_is_taken(ros, node, watched):
-    got = []
-    watched.subscribe(Point, "points", got.append, RELIABLE)
-    out = node.create_publisher(Point, "points", SENSOR_DATA)
-    ros.wait_for(out.get_subscription_count, what="the subscription that is content with best effort")
-    out.publish(Point())
-    ros.wait_for(lambda: got, what="a message")
-
-
-def test_raw_messages_are_handed_on_as_bytes(ros, node, watched):
-    got = []
-    watched.subscribe(PointStamped, "points", got.append, RELIABLE, raw=True)
-    out = node.create_publisher(PointStamped, "points", RELIABLE)
-    ros.wait_for(out.get_subscription_count, what="the subscription")
-    out.publish(PointStamped())
-    ros.wait_for(lambda: got, what="a message")
-    assert isinstance(got[0], bytes)
-
-
-def test_a_report_comes_every_second(ros, node):
-    Diagnostics(node, lambda: Health(Level.WARN, "so so", {}))
-    got = []
-    ros.node("peer").create_subscription(DiagnosticArray, "/diagnostics", got.append, RELIABLE)
-    ros.wait_for(lambda: len(got) >= 2, what="two reports")
-    (status,) = got[0].status
-    assert (status.level, status.name, status.message) == (DiagnosticStatus.WARN, "/cell/watched", "so so")

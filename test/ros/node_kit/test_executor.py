@@ -12,8 +12,7 @@ from std_srvs.srv import Trigger
 
 from pushfric_msgs.srv import StablePushes
 from pushfric_ros.node_kit.executor import NodeExecutor
-from pushfric_ros.node_kit.losses import Reception
-from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.node_kit.turns import Turns
 
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -157,12 +156,3 @@ def test_what_a_callback_raises_comes_out(spun):
         with pytest.raises(RuntimeError, match="it failed"):
             spun.until(lambda: False, "it fails")
         spun.node.destroy_timer(timer)
-
-
-def test_it_hears_of_incompatible_qualities_of_service(ros, spun):
-    heard = []
-    Reception(spun.node, String, "said", lambda msg: heard.append(msg.data) or 0, RELIABLE)
-    out = ros.node("peer").create_publisher(String, "said", SENSOR_QUEUE)
-    spun.until(out.get_subscription_count, "the subscription is made again, for best effort")
-    out.publish(String(data="heard"))
-    spun.until(lambda: heard, "the message")

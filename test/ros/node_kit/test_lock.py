@@ -51,18 +51,6 @@ def test_another_environment_does_not_get_past_the_claim(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_empty_domain_is_domain_0(monkeypatch):
-    monkeypatch.delenv("ROS_DOMAIN_ID")
-    with lock(NAME):
-        assert "is already running on ROS domain 0" in claim_elsewhere(ROS_DOMAIN_ID="")
-
-
-def test_a_long_name_is_claimed_like_any_other():
-    long = "/" + "a" * 200
-    with lock(long), lock(long + "a"), pytest.raises(InvalidInput, match="is already running"), lock(long):
-        pass
-
-
 def test_the_claim_lasts_until_whoever_it_was_handed_to_has_ended():
     """A run whose command line was killed still has nodes for a moment, and these would disturb the next run."""
     with lock(NAME) as claim:

@@ -2,62 +2,18 @@
 
 import json
 import os
-import re
 import subprocess
 import sys
-from xml.etree import ElementTree
 
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
-from sensor_msgs.msg import Image
 
 from pushfric_core.cell.node_settings import Discovery
-from pushfric_core.errors import InvalidInput
-from pushfric_ros.node_kit import network
-from pushfric_ros.node_kit.network import FILE_VARIABLES, IMAGES, RANGE, VARIABLES, asked_for, configured
-from pushfric_ros.node_kit.qos import SENSOR_QUEUE
-from pushfric_ros.node_kit.visit import visit
+from pushfric_ros.node_kit.network import FILE_VARIABLES, RANGE, VARIABLES, asked_for, configured
 
 pytestmark = pytest.mark.skipif(
     not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="other middlewares have other settings"
 )
-
-LARGE = 16 * 2**20
-
-SEGMENTS = """
-import json, re
-import rclpy
-from pushfric_ros.node_kit.network import configured
-with configured(images=True):
-    rclpy.init()
-    node = rclpy.create_node("camera")
-sizes = []
-for line in open("/proc/self/maps"):
-    begin, end, path = re.match(r"(\\w+)-(\\w+) .{4} \\w+ \\S+ \\d+ *(.*)", line).groups()
-    if re.match(r"/dev/shm/fast(rtps|dds)_[0-9a-f]{16}$", path):
-        sizes.append(int(end, 16) - int(begin, 16))
-print(json.dumps(sizes))
-"""
-
-CAMERA = """
-import sys, time
-import rclpy
-from sensor_msgs.msg import Image
-from pushfric_ros.node_kit.network import configured
-from pushfric_ros.node_kit.qos import SENSOR_DATA
-with configured(images=True):
-    rclpy.init()
-    output = rclpy.create_node("camera").create_publisher(Image, "/image", SENSOR_DATA)
-while not output.get_subscription_count():
-    time.sleep(0.01)
-sys.stdin.readline()  # the other side has found this one, too
-image = Image(height=480, width=640, encoding="bgr8", step=1920, data=bytes(921600))
-for number in range(10):
-    image.header.stamp.sec = number
-    output.publish(image)
-sys.stdin.read()
-"""
-
 
 SERVES = """
 import json, os, socket, struct, sys, threading
@@ -154,94 +110,9 @@ def test_fast_dds_is_told_by_the_variable_that_it_knows(unset, monkeypatch, dist
     assert [name in changed() for name in FILE_VARIABLES] == [number == 0, number == 1]
 
 
-@pytest.mark.parametrize("images", [False, True])
-@pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
-def test_every_process_announces_itself_often_at_first(unset, monkeypatch, range_, images):
-    """With five announcements in half a second, a demo began 2.5 s late every other time."""
-    monkeypatch.setenv(RANGE, range_)
-    monkeypatch.setenv("ROS_DISTRO", "jazzy")
-    profile = ElementTree.parse(changed(images)[FILE_VARIABLES[0]])
-    often = profile.find(".//{*}builtin/{*}discovery_config/{*}initialAnnouncements")
-    assert int(often.findtext("{*}count")) * int(often.findtext("{*}period/{*}nanosec")) >= 3e9  # until Fast DDS's next
-    assert int(often.findtext("{*}period/{*}nanosec")) <= 1e8
-
-
-def test_another_middleware_is_told_by_ros(unset, monkeypatch):
-    monkeypatch.setattr(network, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
-    assert changed(images=True) == {RANGE: "LOCALHOST"}
-
-
-def segments() -> list[int]:
-    """Sizes [bytes] of the segments that the middleware maps in a process that publishes images."""
-    return json.loads(subprocess.run([sys.executable, "-c", SEGMENTS], capture_output=True, check=True, timeout=120).stdout)
-
-
-def test_the_segment_is_large(unset):
-    assert max(segments()) >= LARGE
-
-
-def test_ten_colour_images_in_a_burst_arrive(ros, unset):
-    """The default segment is too small for a single image."""
-    heard: list[int] = []
-    viewer = ros.node("viewer")
-    images = viewer.create_subscription(Image, "/image", lambda msg: heard.append(msg.header.stamp.sec), SENSOR_QUEUE)
-    camera = subprocess.Popen([sys.executable, "-c", CAMERA], stdin=subprocess.PIPE)
-    try:
-        ros.wait_for(images.get_publisher_count, timeout=120, what="the camera")
-        camera.stdin.write(b"\n")
-        camera.stdin.flush()
-        ros.wait_for(lambda: len(heard) == 10, timeout=120, what="ten images")
-    finally:
-        camera.communicate(timeout=120)
-    assert heard == list(range(10))
-
-
 @pytest.mark.parametrize(
     "name", ["FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"]
 )
 def test_the_configuration_of_the_user_is_kept(unset, monkeypatch, name):
     monkeypatch.setenv(name, "UDPv4")
     assert changed(images=True) == {RANGE: "LOCALHOST"}
-
-
-@pytest.mark.parametrize("name", network.FILES)
-def test_a_profile_file_of_the_user_is_kept(unset, monkeypatch, tmp_path, name):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / name).touch()
-    assert changed(images=True) == {RANGE: "LOCALHOST"}
-
-
-@pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
-@pytest.mark.parametrize(("attribute", "value"), [("FREE", 2**60), ("SHARED_MEMORY", IMAGES)])
-def test_with_little_shared_memory_images_get_no_more(unset, monkeypatch, attribute, value, range_):
-    monkeypatch.setenv(RANGE, range_)
-    without = changed()
-    assert changed(images=True) != without
-    monkeypatch.setattr(network, attribute, value)
-    assert changed(images=True) == without
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        ("ROS_DOMAIN_ID", "seven", r"ROS_DOMAIN_ID must be a number from 0 to 232, got 'seven'"),
-        ("ROS_DOMAIN_ID", "233", r"ROS_DOMAIN_ID must be a number from 0 to 232, got '233'"),
-        ("ROS_LOG_DIR", "/proc/nowhere", r"the middleware does not start.*Failed to create log directory"),
-        ("ROS_STATIC_PEERS", ";;no such host", r"the middleware does not start.*Unable to resolve peer no such host"),
-    ],
-)
-def test_a_variable_with_an_impossible_value_is_refused_in_one_line(unset, name, value, said):
-    command = [sys.executable, "-m", "pushfric_ros.nodes.tracker"]
-    ended = subprocess.run(command, env=os.environ | {name: value}, capture_output=True, text=True, timeout=120)
-    assert ended.returncode == 2
-    assert "Traceback" not in ended.stderr
-    assert re.search(rf"^error: {said}.*$", ended.stderr, re.M), ended.stderr
-
-
-def test_a_node_without_keys_is_refused_in_one_line(unset, monkeypatch, tmp_path):
-    """The same holds for a middleware without security, like that of the wheels. It once ended in a traceback."""
-    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
-    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
-    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
-    with pytest.raises(InvalidInput, match=r"ROS_SECURITY_ENABLE is true, but [^\n]+$"):
-        visit("insecure")

@@ -31,10 +31,6 @@ def answering():
     button.close()
 
 
-def test_nobody_answers_where_no_cell_runs():
-    assert press("/cell") is None
-
-
 def test_whoever_presses_it_is_answered(answering):
     assert press("cell") == press_as_asked([]) == press_as_asked(["--namespace", "/cell"]) == "stopped"
     assert len(answering) == 3
@@ -44,11 +40,6 @@ def test_whoever_presses_it_is_answered(answering):
 def test_it_is_that_of_one_domain(answering, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "99")
     assert press("/cell") is None
-
-
-def test_a_name_is_taken_once(answering):
-    with pytest.raises(OSError, match="in use"):
-        StopButton("/cell/")
 
 
 def test_who_presses_it_may_be_gone(answering):

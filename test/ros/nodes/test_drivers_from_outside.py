@@ -2,6 +2,7 @@
 
 import array
 import importlib
+import pathlib
 import sys
 
 import numpy as np
@@ -25,82 +26,17 @@ from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.tracker import TrackerNode
 
+EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 MODULE = '''
-"""A crane that pushes with its hook, and a tracker that takes the bright spot for the object."""
+"""A tracker that takes the bright spot for the object."""
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
 
 from pushfric_core.geometry.planar import Pose
-from pushfric_core.settings import REQUIRED, setting
-from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.pusher import Limits, Mode, PusherReport
+from pushfric_core.settings import setting
 from pushfric_core.vision.sighting import NotSeen, Sighting
-
-
-@dataclass(frozen=True)
-class CraneConfig:
-    rope: float = setting(REQUIRED, "length of the rope [m]", 0.5, 20.0)
-
-    def open_pusher(self, config):
-        return Crane(self.rope)
-
-    def absence(self):
-        return None
-
-    def checks(self, config, distance, speed):
-        yield Check("rope", Grade.OK, f"{self.rope:g} m hold {config.stroke:g} m of stroke")
-
-
-class Crane:
-    doubt, dropped, place = None, 0, "the crane"
-
-    def __init__(self, rope):
-        self.name, self.limits, self._rope = f"a crane with {rope:g} m of rope", Limits(), rope
-        self._connected, self._from, self._to, self._speed, self._began, self._asked = False, 0.0, 0.0, 1.0, 0.0, None
-
-    def _position(self):
-        way = self._to - self._from
-        gone = self._speed * (time.monotonic() - self._began)
-        return self._to if gone >= abs(way) else self._from + gone * (1 if way > 0 else -1)
-
-    @property
-    def busy(self):
-        return self._position() != self._to
-
-    @property
-    def mode(self):
-        if not self._connected:
-            return Mode.DISCONNECTED
-        return Mode.RUNNING if self.busy else Mode.IDLE
-
-    def connect(self):
-        self._connected, self._asked = True, None
-
-    def close(self):
-        self.stop()
-        self._connected = False
-
-    def recover(self):
-        pass
-
-    def move_to(self, position, speed):
-        self._from, self._to, self._speed, self._began = self._position(), position, speed, time.monotonic()
-
-    def stop(self):
-        self._to = self._from = self._position()
-
-    def ask(self, stamp):
-        self._asked = stamp
-
-    def poll(self, stamp=None):
-        asked, self._asked = self._asked, None
-        stamp = stamp if asked is None else asked
-        if stamp is None:
-            return None
-        return PusherReport(self._position(), self._speed if self.busy else 0.0, self.mode, stamp)
 
 
 @dataclass(frozen=True)
@@ -125,14 +61,14 @@ class SpotTracker:
         ((x, y),) = self._camera.unproject(np.array([(columns.mean(), rows.mean())]), self._height)
         return Sighting(Pose(float(x), float(y), 0.0), 0.0, 1.0, 1, np.diag((1e-8, 1e-8, 1e-4)))
 '''
-ENTRY_POINTS = "[pushfric.pushers]\ncrane = {0}:CraneConfig\n[pushfric.trackers]\nspot = {0}:SpotConfig\n"
+ENTRY_POINTS = "[pushfric.pushers]\nslide = own_pusher:SlideConfig\n[pushfric.trackers]\nspot = bright_spot:SpotConfig\n"
 CAMERA = Camera.looking_down(320, 240, (0.0, 0.06), 0.001)
 CELL = {
     "object": "rubber_rect4",
     "camera": {"source": "topic", "calibration": "camera.yaml", "tracker": "spot", "level": 200},
     "pusher": {
-        "driver": "crane",
-        "rope": 2.5,
+        "driver": "slide",
+        "backlash": 0.0002,
         "line_origin": [0.1, 0.0],
         "line_direction": [0.0, 1.0],
         "tip_radius": 0.003,
@@ -143,18 +79,17 @@ CELL = {
 
 
 @pytest.fixture
-def package(tmp_path, monkeypatch):
-    """Install the package as pip does, where only this test finds it."""
-    name, site = "crane_and_spot", tmp_path / "site"
-    info = site / f"{name}-1.0.dist-info"
-    info.mkdir(parents=True)
-    (site / f"{name}.py").write_text(MODULE)
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(ENTRY_POINTS.format(name))
-    monkeypatch.syspath_prepend(site)
-    importlib.invalidate_caches()
-    yield name
-    sys.modules.pop(name, None)
+def package(tmp_path, monkeypatch, install):
+    """The slide of the examples and a tracker, installed; both are patient with a busy machine."""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site/bright_spot.py").write_text(MODULE)
+    install(ENTRY_POINTS, tmp_path / "site", EXAMPLES)
+    own_pusher = importlib.import_module("own_pusher")
+    monkeypatch.setattr(own_pusher, "DEAD_MAN", 10.0)
+    own_pusher.Slide(str(tmp_path / "slide")).start()
+    yield
+    for name in ("bright_spot", "own_pusher"):
+        sys.modules.pop(name, None)
 
 
 @pytest.fixture
@@ -162,7 +97,11 @@ def write(tmp_path):
     save_camera(CAMERA, tmp_path / "camera.yaml")
 
     def write(**changes):
-        content = CELL | {name: CELL[name] | section for name, section in changes.items()}
+        sections = {
+            "pusher": {"device": str(tmp_path / "slide")} | changes.get("pusher", {}),
+            "camera": changes.get("camera", {}),
+        }
+        content = CELL | {name: CELL[name] | section for name, section in sections.items()}
         (tmp_path / "cell.yaml").write_text(yaml.safe_dump(content))
         return tmp_path / "cell.yaml"
 
@@ -182,7 +121,7 @@ def test_a_pusher_from_outside_pushes(ros, package, write):
     client = ActionClient(peer, Push, "push")
     alone = [override for override in overrides(cell, "actuator") if override.name != "requires"]  # no other node runs here
     node = ros.compose(ActuatorNode(namespace="/cell", parameter_overrides=alone))
-    assert node.get_parameter("rope").value == 2.5
+    assert node.get_parameter("backlash").value == 0.0002
     ros.wait_for(lambda: states and states[-1].mode == PusherState.MODE_IDLE, what="a pusher that is ready")
     ros.wait_for(client.server_is_ready, what="the action server")
     answer = client.send_goal_async(Push.Goal(push_id=3, distance=0.03, speed=0.06))
@@ -217,24 +156,14 @@ def test_a_tracker_from_outside_finds_its_object(ros, package, write):
 def test_the_doctor_asks_the_driver(package, write):
     cell = load_cell(write())
     checks = list(cell.driver.checks(cell.pusher, cell.plan.distance, cell.plan.speed))
-    assert checks == [doctor.Check("rope", doctor.Grade.OK, "2.5 m hold 0.06 m of stroke")]
+    assert checks == [doctor.Check("slide", doctor.Grade.OK, "0.2 mm of play in pushes of 50 mm")]
 
 
 @pytest.mark.parametrize(
     ("changes", "node", "error"),
     [
-        ({"pusher": {"rope": 0.1}}, ActuatorNode, r"rope must lie in \[0.5, 20.0\], got 0.1$"),
-        (
-            {"pusher": {"driver": "crab"}},
-            ActuatorNode,
-            r"driver must be an entry point of pushfric.pushers \(crane, grbl, trajectory, twist\), got 'crab'$",
-        ),
+        ({"pusher": {"backlash": -0.1}}, ActuatorNode, r"backlash must lie in \[0.0, 0.01\], got -0.1$"),
         ({"camera": {"level": "high"}}, TrackerNode, r"level must be a whole number, got 'high'$"),
-        (
-            {"camera": {"tracker": "eye"}},
-            TrackerNode,
-            r"tracker must be an entry point .*\(contour, fiducial, spot\), got 'eye'$",
-        ),
     ],
 )
 def test_a_file_is_refused_in_the_words_of_the_node(ros, package, write, changes, node, error):
@@ -254,11 +183,11 @@ def test_a_file_is_refused_in_the_words_of_the_node(ros, package, write, changes
 
 
 def test_a_setting_of_another_driver_is_unknown(package, write):
-    with pytest.raises(InvalidInput, match=r"pusher: expected any of line_origin, .*, autostart, rope, got port$"):
+    with pytest.raises(InvalidInput, match=r"pusher: expected any of line_origin, .*, autostart, device, backlash, got port$"):
         load_cell(write(pusher={"port": "/dev/ttyUSB0"}))
 
 
 def test_a_package_that_cannot_be_imported_is_told(package, write, tmp_path):
-    (tmp_path / "site" / f"{package}.py").write_text("import nothing_of_this_name")
-    with pytest.raises(InvalidInput, match=f"tracker 'spot' cannot be loaded from {package}:SpotConfig: No module named"):
+    (tmp_path / "site/bright_spot.py").write_text("import nothing_of_this_name")
+    with pytest.raises(InvalidInput, match="tracker 'spot' cannot be loaded from bright_spot:SpotConfig: No module named"):
         load_cell(write())

@@ -1,31 +1,20 @@
 """The experiment node with an actuator on a simulated controller; the test plays the operator."""
 
 import re
-import signal
-import subprocess
-import sys
 import time
 
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
-from rclpy.clock import ClockType
-from rclpy.duration import Duration
-from rclpy.parameter import Parameter
 from rclpy.time import Time
-from rosgraph_msgs.msg import Clock
 from stage import STAGE
 from std_srvs.srv import Trigger
 
+from pushfric_core import TABLE_1, InvalidInput, Pose, PushingLine
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
-from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
-from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.frames import TABLE
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, PlanProgress, PusherState
@@ -33,6 +22,7 @@ from pushfric_msgs.msg import TestPush as Candidate
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode
@@ -163,10 +153,6 @@ class Table:
         assert self.call(f"experiment/{choice}")
 
 
-def overrides(parameters) -> list[Parameter]:
-    return [Parameter(name, value=value) for name, value in parameters.items()]
-
-
 def pushed(states) -> list[int]:
     """Ids of the pushes that went forward, in order."""
     ids = [state.push_id for state in states if state.push_id != PusherState.NO_PUSH]
@@ -254,25 +240,6 @@ def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     ros.wait_for(lambda: 0 in pushed(table.states), 60.0, what="the push")
 
 
-def test_who_could_not_be_heard_while_the_experiment_stood_still_is_not_given_up(ros, tmp_path):
-    DeafPusher(ros, accept=True)
-    table = Table(ros, tmp_path, actuator="deaf", lost_object=1.0, lost_result=1.0)
-    table.obedient = False
-    table.wait_for_message("mm off", 60.0)
-    node, found = table.node, []
-
-    def stand_still() -> None:
-        timer.cancel()
-        time.sleep(1.5)
-        found.append((node._silent, node._unseen))
-        node._check_condition()
-        found.append((node._silent, node._unseen))
-
-    timer = node.create_timer(0.01, stand_still, clock=rclpy.clock.Clock(clock_type=ClockType.STEADY_TIME))
-    ros.wait_for(lambda: len(found) == 2, 60.0, what="the end of the stall")
-    assert found == [(True, True), (False, False)]
-
-
 def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, tmp_path):
     table = Table(ros, tmp_path)
     table.obedient = False
@@ -281,52 +248,19 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     wanted = table.wanted[0]
     table.visible = False
     table.wait_for_message("it is not seen")
+    reason = "outline does not fit: it looks 128.6 x 64.8 mm"
+    # whichever node publishes poses says why there are none
+    status = DiagnosticStatus(name="/cell/pose_source", values=[KeyValue(key="no pose", value=reason)])
+    source = ros.node("pose_source", namespace="/cell")
+    said = source.create_timer(0.1, lambda: table._health_out.publish(DiagnosticArray(status=[status])))
+    table.wait_for_message(f": {reason}", 60.0)
+    said.cancel()
     table.object, table.visible = wanted._replace(theta=wanted.theta + 0.7), True
     table.wait_for_message("it is turned 40 degrees too far")
     table.object = wanted
     table.wait_for_message("let it lie still")
     assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
     ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
-
-
-def test_the_operator_is_told_why_the_object_is_not_seen(ros, controller, tmp_path):
-    table = Table(ros, tmp_path)
-    table.visible = False
-    reason = "outline does not fit: it looks 128.6 x 64.8 mm"
-    # whichever node publishes poses says why there are none
-    status = DiagnosticStatus(name="/cell/pose_source", values=[KeyValue(key="no pose", value=reason)])
-    ros.node("pose_source", namespace="/cell").create_timer(
-        0.1, lambda: table._health_out.publish(DiagnosticArray(status=[status]))
-    )
-    table.wait_for_message(f": {reason}", 60.0)
-
-
-LISTENER = """
-import rclpy
-from pushfric_msgs.msg import PlanProgress
-from pushfric_ros.node_kit.qos import LATCHED
-rclpy.init()
-node = rclpy.create_node("listener", namespace="/cell")
-node.create_subscription(PlanProgress, "plan_progress", lambda msg: None, LATCHED)
-rclpy.spin(node)
-"""
-
-
-def test_a_listener_that_acknowledges_nothing_does_not_hold_the_end_up(ros, tmp_path, monkeypatch):
-    monkeypatch.setattr("pushfric_ros.nodes.experiment.LAST_WORDS", 1.0)
-    DeafPusher(ros, accept=False)
-    table = Table(ros, tmp_path, actuator="deaf", attended=False)
-    table.obedient = False
-    with subprocess.Popen([sys.executable, "-c", LISTENER]) as listener:
-        try:
-            ros.wait_for(lambda: table.node._progress_out.get_subscription_count() == 2, 120.0, what="the listener")
-            listener.send_signal(signal.SIGSTOP)
-            table.object, table.obedient = table.wanted[0], True
-            assert table.wait_for_end().aborted == 3
-            # it is silent still: nobody waited until the middleware had given it up
-            assert not table.node._progress_out.wait_for_all_acked(Duration(seconds=0))
-        finally:
-            listener.kill()
 
 
 def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):
@@ -363,57 +297,34 @@ def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, 
     assert capfd.readouterr().err.count("a person skipped it") == 2
 
 
-def test_an_alarm_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path):
-    table = Table(ros, tmp_path)
+@pytest.mark.parametrize("fault", ["alarm", "unplugged", "power cut"])
+def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd, fault):
+    table = Table(ros, tmp_path, start=2)
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
-    controller.hit_limit()
+    {"alarm": controller.hit_limit, "unplugged": controller.unplug, "power cut": controller.reset}[fault]()
+    if fault == "unplugged":
+        table.wait_for_message("no controller answers: is it switched on, and plugged in?")
+        controller.start()
+        (tmp_path / "port").unlink()
+        (tmp_path / "port").symlink_to(controller.port)
     waiting = table.wait_for_message(ALARM)
     assert waiting.phase == PlanProgress.PHASE_ALARM
     assert "actuator/reset" in waiting.details
-    rest = controller.position()
-    assert rest > 0.005
-    assert table.call("actuator/reset")
-    table.choose("skip")
-    last = table.wait_for_end()
-    assert (last.completed, last.skipped) == (2, 1)
-    assert pushed(table.states) == [0, 1, 2]
-    assert controller.position() == pytest.approx(0.0, abs=1e-4)
-
-
-def test_a_pusher_unplugged_during_a_push_costs_one_push(ros, controller, tmp_path):
-    table = Table(ros, tmp_path)
-    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
-    controller.unplug()
-    table.wait_for_message("no controller answers: is it switched on, and plugged in?")
-    controller.start()
-    (tmp_path / "port").unlink()
-    (tmp_path / "port").symlink_to(controller.port)
-    table.wait_for_message(ALARM)
-    assert table.call("actuator/reset")
-    table.choose("skip")
-    last = table.wait_for_end()
-    assert (last.completed, last.skipped) == (2, 1)
-
-
-def test_a_power_cut_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd):
-    table = Table(ros, tmp_path)
-    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
-    controller.reset()
-    waiting = table.wait_for_message(ALARM)
-    assert waiting.phase == PlanProgress.PHASE_ALARM
-    assert "actuator/reset" in waiting.details
-    assert f"push 1 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
     assert controller.position() > 0.005
-    controller._carriage = 0.0  # the operator moves it by hand
-    controller.reset()
-    table.wait_for_message("no controller answers")
-    table.wait_for_message(ALARM)
-    assert controller.position() == 0.0
+    if fault == "power cut":
+        assert f"push 2 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
+        controller._carriage = 0.0  # the operator moves it by hand
+        controller.reset()
+        table.wait_for_message("no controller answers")
+        table.wait_for_message(ALARM)
+        assert controller.position() == 0.0
     assert table.call("actuator/reset")
     table.choose("skip")
     last = table.wait_for_end()
-    assert (last.completed, last.skipped) == (2, 1)
-    assert controller.position() == pytest.approx(0.0, abs=1e-4)
+    assert (last.completed, last.skipped) == (1, 1)
+    assert pushed(table.states) == [1, 2]
+    if fault != "unplugged":
+        assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("until", ["it is seen", "a person says so"])
@@ -438,23 +349,6 @@ def test_an_object_lost_in_mid_push_stops_the_pusher_which_stays(ros, controller
     assert min(state.speed for state in table.states) >= -0.0101  # no faster than asked
     table.visible = True
     ros.wait_for(lambda: 1 in pushed(table.states), what="the next push")
-
-
-def test_a_clock_that_jumps_back_forgets_the_poses_before_it(ros, controller, tmp_path):
-    table = Table(ros, tmp_path, use_sim_time=True, still=0.3)
-    clock = ros.node("clock")
-    clock_out = clock.create_publisher(Clock, "/clock", RELIABLE)
-    offset = [10**12]
-    begin = time.monotonic_ns()
-    table.now = lambda: time.monotonic_ns() - begin + offset[0]
-    clock.create_timer(0.02, lambda: clock_out.publish(Clock(clock=Time(nanoseconds=table.now()).to_msg())))
-    table.obedient = False
-    table.wait_for_message("mm off")
-    ros.wait_for(lambda: len(table.node._poses) > 5, what="poses")
-    offset[0] -= 5 * 10**11
-    ros.wait_for(lambda: table.node._poses[0][0] < 6 * 10**11, what="poses of the new time only")
-    table.object = table.wanted[0]
-    ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
 
 
 class DeafPusher:
@@ -500,14 +394,15 @@ def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, t
 )
 def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(ros, tmp_path, capfd, accept, why):
     DeafPusher(ros, accept)
-    table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3, attended=False)
+    table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3, attended=False, start=2)
     last = table.wait_for_end()
-    assert (last.completed, last.aborted) == (0, 3)
-    assert len(re.findall(f"aborted: {why}", capfd.readouterr().err)) == 3
+    assert (last.completed, last.aborted) == (0, 2)
+    assert len(re.findall(f"aborted: {why}", capfd.readouterr().err)) == 2
 
 
-@pytest.mark.parametrize(("off", "way"), [(3600, "3600 s ahead of"), (-86400, "86400 s behind")])
-@pytest.mark.parametrize("plan", [{}, {"plan": "", "choose": 3}])
+@pytest.mark.parametrize(
+    ("off", "way", "plan"), [(3600, "3600 s ahead of", {}), (-86400, "86400 s behind", {"plan": "", "choose": 3})]
+)
 def test_a_foreign_clock_is_named_before_the_first_push(ros, controller, tmp_path, off, way, plan):
     if plan:
         region = ros.node("region", namespace="/cell").create_publisher(
@@ -546,20 +441,14 @@ def test_a_push_is_stopped_when_what_is_seen_does_not_follow_it(ros, controller,
     assert "check that the camera gives new images" in said
 
 
-def stopped_in_mid_push(ros, tmp_path, **parameters) -> Table:
-    """A run whose first push a person has stopped; nothing moves until a reset, which has been made."""
-    table = Table(ros, tmp_path, speed=0.02, **parameters)
+def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, speed=0.02)
     ros.wait_for(lambda: any(state.push_id == 0 and state.position > 0.002 for state in table.states), 60.0, "a push")
     assert table.call("actuator/stop")
     waiting = table.wait_for_message("it was stopped: press Reset")
     assert (waiting.phase, waiting.details) == (PlanProgress.PHASE_WAITING, "services: actuator/reset; fault: stopped")
     assert not table.call("experiment/withdraw")
     assert table.call("actuator/reset")
-    return table
-
-
-def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, tmp_path):
-    table = stopped_in_mid_push(ros, tmp_path)
     left_out = []
 
     def exclude(request, response):
@@ -576,29 +465,14 @@ def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, t
     assert left_out == [0]
 
 
-def test_a_person_ends_the_run_after_a_stop(ros, controller, tmp_path):
-    table = stopped_in_mid_push(ros, tmp_path)
-    assert not table.call("experiment/withdraw")
-    table.choose("end")
-    last = table.wait_for_message("0 of 3 pushes done; ended by a person")
-    assert (last.phase, last.completed, last.aborted) == (PlanProgress.PHASE_FINISHED, 0, 0)
-
-
 def test_a_person_ends_the_run_while_it_is_stopped(ros, controller, tmp_path):
     """Nothing moves: the pusher stays where it is, and needs no reset."""
     table = Table(ros, tmp_path, speed=0.02)
     ros.wait_for(lambda: any(state.push_id == 0 and state.position > 0.002 for state in table.states), 60.0, "a push")
+    assert not table.call("experiment/repeat")  # nothing was aborted yet
     assert table.call("actuator/stop")
     table.wait_for_message("it was stopped: press Reset")
     assert not table.call("experiment/withdraw")
     assert table.call("experiment/end")
-    table.wait_for_message("0 of 3 pushes done; ended by a person")
-
-
-def test_there_is_nothing_to_repeat_before_a_push_was_aborted(ros, controller, tmp_path):
-    table = Table(ros, tmp_path)
-    table.obedient = False
-    table.wait_for_message("push 1 of 3: place the object at")
-    assert not table.call("experiment/repeat")
-    assert table.call("experiment/end")
-    assert table.wait_for_message("ended by a person").phase == PlanProgress.PHASE_FINISHED
+    last = table.wait_for_message("0 of 3 pushes done; ended by a person")
+    assert (last.phase, last.completed, last.aborted) == (PlanProgress.PHASE_FINISHED, 0, 0)

@@ -4,9 +4,8 @@ import os
 import select
 import types
 
-from rclpy.parameter import Parameter
-
 from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.nodes import simulated_cell
 
 PERIOD = 0.05  # of the questions, in simulated time [s]
@@ -20,9 +19,7 @@ def test_the_clock_does_not_run_ahead_of_the_reports_of_a_moving_pusher(ros, tmp
     parameters = {**stage, **place, "poll_rate": 1 / PERIOD}
     wall = [0.0]
     monkeypatch.setattr(simulated_cell, "time", types.SimpleNamespace(monotonic=lambda: wall[0]))
-    node = simulated_cell.SimulatedCellNode(
-        parameter_overrides=[Parameter(name, value=one) for name, one in parameters.items()]
-    )
+    node = simulated_cell.SimulatedCellNode(parameter_overrides=overrides(parameters))
     port = os.open(tmp_path / "tty", os.O_RDWR | os.O_NOCTTY)
 
     def hear(what: bytes) -> None:

@@ -1,8 +1,6 @@
 """The tracker node over the real middleware, fed with rendered frames, video files and pictures."""
 
 import array
-import dataclasses
-import re
 
 import cv2
 import numpy as np
@@ -11,20 +9,18 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from printed import marked_picture
-from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
-from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
-from pushfric_core.vision.image_messages import TO_GREY, grey_from_msg
+from pushfric_core.vision.image_messages import TO_GREY
 from pushfric_core.vision.sighting import NO_OBJECT, UNMEASURED
-from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
+from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TrackerNode
 
@@ -44,8 +40,6 @@ class Cell:
         (folder / "object.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist(), "height": HEIGHT}))
         save_camera(CAMERA, folder / "camera.yaml")
         given = {"object": str(folder / "object.yaml"), "calibration": str(folder / "camera.yaml"), "source": "topic"}
-        values = given | parameters
-        overrides = [Parameter(name, value=value) for name, value in values.items()]
         self.ros = ros
         self.simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
         self.here = ros.node("here", namespace="/cell")
@@ -55,7 +49,7 @@ class Cell:
         self.here.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.reports.extend(msg.status), 10)
         self.images = self.here.create_publisher(Image, "image_raw", SENSOR_DATA)
         self.placements = self.here.create_publisher(PoseStamped, "placement", LATCHED)
-        self.tracker = ros.compose(TrackerNode(namespace="/cell", parameter_overrides=overrides))
+        self.tracker = ros.compose(TrackerNode(namespace="/cell", parameter_overrides=overrides(given | parameters)))
         self.stamp = FIRST
         ros.wait_for(lambda: poses.get_publisher_count(), what="a publisher of object_pose")
         ros.wait_for(lambda: self.placements.get_subscription_count(), what="a subscriber to placement")
@@ -123,52 +117,6 @@ def test_publishes_the_pose_at_the_time_of_the_image(cell):
     assert np.linalg.matrix_rank(covariance) == 6
 
 
-def test_every_frame_at_60_hz_gets_its_pose(cell):
-    frames = [cell.simulation.render(TRUTH._replace(x=0.1 + 0.0005 * i)) for i in range(30)]
-    for frame in frames:
-        cell.send(frame)
-    cell.ros.wait_for(lambda: len(cell.poses) == 30, what="30 poses")
-    stamps = [stamp_from_msg(msg.header.stamp) for msg in cell.poses]
-    assert stamps == [FIRST + (i + 1) * PERIOD for i in range(30)]
-    np.testing.assert_allclose([msg.pose.pose.position.x for msg in cell.poses], 0.1 + 0.0005 * np.arange(30), atol=5e-5)
-
-
-@pytest.mark.parametrize(
-    ("encoding", "channels"),
-    [("bgr8", 3), ("rgb8", 3), ("bgra8", 4), ("rgba8", 4), ("bayer_rggb8", 1), ("bayer_grbg8", 1), ("yuyv", 2), ("mono16", 2)],
-)
-def test_colour_images(cell, encoding, channels):
-    cell.send(np.dstack([cell.simulation.render(TRUTH)] * channels), encoding)
-    cell.ros.wait_for(lambda: cell.poses, what="a pose")
-    assert_close(pose_from_msg(cell.poses[0].pose.pose), TRUTH)
-
-
-@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
-def test_bayer_mosaics(pattern):
-    colour = {"r": 200, "g": 100, "b": 50}
-    mosaic = np.tile([[colour[pattern[0]], colour[pattern[1]]], [colour[pattern[2]], colour[pattern[3]]]], (4, 4)).astype(
-        np.uint8
-    )
-    msg = Image(height=8, width=8, encoding=f"bayer_{pattern}8", step=8, data=array.array("B", mosaic.tobytes()))
-    grey = 0.299 * 200 + 0.587 * 100 + 0.114 * 50
-    np.testing.assert_allclose(grey_from_msg(msg)[2:-2, 2:-2], grey, atol=1)
-
-
-def test_nothing_is_published_unless_the_whole_object_is_in_view(cell):
-    two = np.maximum(cell.simulation.render(Pose(0.02, 0.05, 0.2)), cell.simulation.render(Pose(0.18, 0.05, 1.0)))
-    for frame in (
-        cell.simulation.render(None),
-        cell.simulation.render(Pose(0.29, 0.05, 0.3)),
-        two,
-        np.full((480, 640), 255, np.uint8),
-    ):
-        cell.send(frame)
-    cell.see(TRUTH)  # frames are processed in order
-    assert len(cell.poses) == 1
-    report = cell.report(frames="5", seen="1", last_reason="saturated or empty frame")
-    assert report.name == "/cell/tracker"
-
-
 def test_diagnostics_say_whether_the_object_is_seen(cell):
     cell.see(TRUTH)
     seen = cell.report(seen="1", object="block", visible="1.0")
@@ -202,16 +150,7 @@ def test_a_clock_set_back_is_followed(cell):
 @pytest.mark.parametrize(
     ("encoding", "fields", "reason"),
     [
-        (
-            "32FC1",
-            {},
-            "encoding must be mono8, mono16, bgr8, rgb8, bgra8, rgba8, "
-            "bayer_rggb8, bayer_bggr8, bayer_gbrg8, bayer_grbg8, "
-            "yuyv, yuv422_yuy2, uyvy, yuv422, nv12, nv21, nv24, got '32FC1'",
-        ),
-        ("mono8", {"step": 100}, "640 x 480 mono8 must have a step of 640 or more, got 100"),
-        ("bgr8", {}, "640 x 480 bgr8 must have a step of 1920 or more, got 640"),
-        ("nv12", {}, "640 x 480 nv12 with step 640 must have 460800 bytes, got 307200"),
+        ("32FC1", {}, f"encoding must be {', '.join(TO_GREY)}, got '32FC1'"),
         ("mono8", {"width": 0}, "an image must have pixels, got 0 x 480 mono8"),
         ("mono8", {"width": 320, "step": 640}, "the camera is calibrated for 640 x 480 px, the image has 320 x 480"),
     ],
@@ -222,103 +161,6 @@ def test_unusable_frames_are_counted(cell, encoding, fields, reason):
     assert report.level == DiagnosticStatus.ERROR
     cell.see(TRUTH)
     assert len(cell.poses) == 1
-
-
-def picture():
-    """A colour picture, (24, 32, 3) BGR; smooth, because mosaics and YUV have fewer pixels for colour than for grey."""
-    row, column = np.mgrid[0:24, 0:32]
-    return np.stack((90 + 3 * column, 200 - 4 * row, 60 + 2 * row + 2 * column), axis=2).astype(np.uint8)
-
-
-def rows_of(bgr, encoding):
-    """A picture (height, width, 3) as the rows of bytes of a message in this encoding."""
-    height, width = bgr.shape[:2]
-    grey = cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY)
-    if encoding in ("yuyv", "yuv422_yuy2"):
-        return cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_YUY2).reshape(height, -1)
-    if encoding in ("uyvy", "yuv422"):
-        return cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_UYVY).reshape(height, -1)
-    if encoding in ("nv12", "nv21"):
-        planar = cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420)
-        u, v = planar[height:].reshape(2, height // 2, width // 2)
-        colours = (u, v) if encoding == "nv12" else (v, u)
-        return np.vstack((planar[:height], np.stack(colours, axis=2).reshape(height // 2, width)))
-    if encoding == "nv24":  # OpenCV cannot encode it; any colours will do
-        luminance = cv2.cvtColor(bgr, cv2.COLOR_BGR2YUV_I420)[:height]
-        return np.vstack((luminance, np.full((2 * height, width), 77, np.uint8)))
-    if encoding.startswith("bayer"):
-        mosaic = np.empty((height, width), np.uint8)
-        for number, colour in enumerate(encoding.removeprefix("bayer_")[:4]):
-            row, column = divmod(number, 2)
-            mosaic[row::2, column::2] = bgr[row::2, column::2, "bgr".index(colour)]
-        return mosaic
-    if encoding == "mono8":
-        return grey
-    bgra = np.dstack((bgr, np.full((height, width), 255, np.uint8)))
-    return bgra[..., ["bgra".index(colour) for colour in encoding[:-1]]].reshape(height, -1)
-
-
-def message(rows, height, width, encoding, padding=0, **fields):
-    rows = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
-    data = array.array("B", rows.tobytes())
-    return Image(height=height, width=width, encoding=encoding, step=rows.shape[1], data=data, **fields)
-
-
-EIGHT_BIT = [encoding for encoding in TO_GREY if encoding != "mono16"]
-
-
-@pytest.mark.parametrize("padding", [0, 6])
-@pytest.mark.parametrize("encoding", EIGHT_BIT)
-def test_every_encoding_gives_the_grey_picture(encoding, padding):
-    grey = cv2.cvtColor(picture(), cv2.COLOR_BGR2GRAY)
-    seen = grey_from_msg(message(rows_of(picture(), encoding), 24, 32, encoding, padding))
-    assert (seen.shape, seen.dtype) == (grey.shape, np.uint8)
-    if encoding.startswith(("yu", "uy", "nv")):
-        grey = 16 + grey * (219 / 255)  # luminance has video range, 16 to 235 (BT.601)
-    inner = np.s_[1:-1, 1:-1] if encoding.startswith("bayer") else np.s_[:]  # pixels at the border lack neighbours
-    np.testing.assert_allclose(seen[inner].astype(float), grey[inner], atol=2 if encoding.startswith("bayer") else 1)
-
-
-@pytest.mark.parametrize("encoding", ["nv12", "nv21"])
-def test_opencv_reads_the_planes_made_here(encoding):
-    conversion = {"nv12": cv2.COLOR_YUV2BGR_NV12, "nv21": cv2.COLOR_YUV2BGR_NV21}[encoding]
-    np.testing.assert_allclose(cv2.cvtColor(rows_of(picture(), encoding), conversion), picture(), atol=6)
-
-
-@pytest.mark.parametrize("padding", [0, 6])
-@pytest.mark.parametrize(("big", "order"), [(0, "<u2"), (1, ">u2")])
-def test_the_upper_8_of_16_bits_are_used_in_either_byte_order(big, order, padding):
-    values = np.arange(24 * 32).reshape(24, 32) * 80 + 123
-    rows = values.astype(order).view(np.uint8)
-    np.testing.assert_array_equal(grey_from_msg(message(rows, 24, 32, "mono16", padding, is_bigendian=big)), values // 256)
-
-
-@pytest.mark.parametrize("encoding", EIGHT_BIT)
-def test_images_cut_short_are_refused(encoding):
-    rows = rows_of(picture(), encoding)
-    msg = message(rows, 24, 32, encoding)
-    msg.data.pop()
-    text = f"32 x 24 {encoding} with step {rows.shape[1]} must have {rows.size} bytes, got {rows.size - 1}"
-    with pytest.raises(ValueError, match=re.escape(text)):
-        grey_from_msg(msg)
-    msg.step = 1
-    with pytest.raises(ValueError, match=f"32 x 24 {encoding} must have a step of {32 * TO_GREY[encoding][0]} or more, got 1"):
-        grey_from_msg(msg)
-
-
-def test_an_odd_number_of_rows_needs_one_more_row_of_colours():
-    rows = rows_of(picture(), "nv12")
-    seen = grey_from_msg(message(np.vstack((rows[:23], rows[24:])), 23, 32, "nv12"))
-    np.testing.assert_array_equal(seen, rows[:23])
-
-
-def test_padded_rows_are_read_without_a_copy():
-    rows = np.arange(24, dtype=np.uint8).reshape(3, 8)
-    msg = Image(height=3, width=5, encoding="mono8", step=8, data=array.array("B", rows.tobytes()))
-    grey = grey_from_msg(msg)
-    np.testing.assert_array_equal(grey, rows[:, :5])
-    msg.data[0] = 99
-    assert grey[0, 0] == 99
 
 
 @pytest.mark.parametrize("late", [False, True], ids=["placement first", "placement late"])
@@ -353,22 +195,6 @@ def test_a_placement_decides_between_orientations_that_look_the_same(cell):
         assert_close(cell.see(truth._replace(theta=truth.theta + 2.5)), truth._replace(theta=truth.theta + 2.5))
 
 
-def test_an_object_moved_by_hand_between_two_frames_lies_as_it_was_to_be_placed(cell):
-    cell.see(TRUTH)
-    truth = Pose(TRUTH.x - 0.05, TRUTH.y, wrap(TRUTH.theta + np.pi))
-    cell.place(truth)
-    assert_close(cell.see(TRUTH), TRUTH)  # not yet
-    assert_close(cell.see(truth), truth)
-
-
-def test_an_impossible_placement_is_ignored(cell):
-    bad = PoseStamped()
-    bad.pose.position.x = float("nan")
-    cell.placements.publish(bad)
-    cell.place(TRUTH)  # arrives after it
-    assert_close(cell.see(TRUTH), TRUTH)
-
-
 def test_compressed_images(ros, tmp_path):
     cell = Cell(ros, tmp_path, source="compressed")
     publisher = cell.here.create_publisher(CompressedImage, "image_raw/compressed", SENSOR_DATA)
@@ -397,37 +223,12 @@ def test_a_frozen_topic_gives_no_pose(cell):
     assert_close(cell.see(TRUTH), TRUTH)
 
 
-def test_images_without_a_time_stamp_are_refused(cell):
-    cell.send(cell.simulation.render(TRUTH), stamp=0)
-    cell.report(unusable_frames="1", last_reason="the images carry no time stamp")
-
-
 def test_markers_give_the_pose(ros, tmp_path):
     (tmp_path / "markers.yaml").write_text("{family: apriltag_36h11, markers: [{id: 5, size: 0.04, center: [0.02, 0.0]}]}")
     cell = Cell(ros, tmp_path, fiducials=str(tmp_path / "markers.yaml"))
     cell.send(marked_picture(load_fiducials(tmp_path / "markers.yaml"), CAMERA, TRUTH, HEIGHT, np.random.default_rng(0)))
     ros.wait_for(lambda: cell.poses, what="a pose")
     assert_close(pose_from_msg(cell.poses[0].pose.pose), TRUTH)
-
-
-def test_the_height_in_the_cell_file_is_used(ros, tmp_path):
-    """If a face 12 mm over the table were taken to lie on it, it would seem 1.5 % larger and shifted by parallax."""
-    (tmp_path / "flat.yaml").write_text(yaml.safe_dump({"name": "block", "outline": OUTLINE.tolist()}))
-    save_camera(CAMERA, tmp_path / "camera.yaml")
-    pusher = {
-        "port": "p",
-        "line_origin": [0.0, 0.0],
-        "line_direction": [0.0, 1.0],
-        "tip_radius": 0.003,
-        "stroke": 0.06,
-        "max_speed": 0.1,
-    }
-    camera = {"source": "topic", "calibration": "camera.yaml", "object_height": HEIGHT}
-    (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"object": "flat.yaml", "camera": camera, "pusher": pusher}))
-    specs = graph.cell(load_cell(tmp_path / "cell.yaml"), str(tmp_path / "bag"))
-    parameters = dict(next(spec for spec in specs if spec.name == "tracker").parameters)
-    cell = Cell(ros, tmp_path, **parameters | {"heard_by": [""]})  # nobody else is here
-    assert_close(cell.see(TRUTH), TRUTH)
 
 
 def test_poses_wait_for_those_who_must_not_miss_one(ros, tmp_path):
@@ -442,15 +243,10 @@ def test_poses_wait_for_those_who_must_not_miss_one(ros, tmp_path):
     assert_close(cell.see(TRUTH), TRUTH)
 
 
-def test_time_offset_shifts_the_stamp(ros, tmp_path):
-    cell = Cell(ros, tmp_path, time_offset=-0.04)
-    cell.see(TRUTH)
-    assert stamp_from_msg(cell.poses[0].header.stamp) == cell.stamp - 40_000_000
-
-
-def test_a_fixed_threshold(ros, tmp_path):
-    cell = Cell(ros, tmp_path, threshold=120)
+def test_an_offset_shifts_the_stamp_and_a_threshold_is_used(ros, tmp_path):
+    cell = Cell(ros, tmp_path, time_offset=-0.04, threshold=120)
     assert_close(cell.see(TRUTH), TRUTH)
+    assert stamp_from_msg(cell.poses[0].header.stamp) == cell.stamp - 40_000_000
 
 
 def test_the_overlay_shows_the_outline(cell):
@@ -464,14 +260,7 @@ def test_the_overlay_shows_the_outline(cell):
     cell.ros.wait_for(lambda: overlays, what="an overlay")
     assert overlays[0].format == "jpeg"
     picture = cv2.imdecode(np.frombuffer(overlays[0].data, np.uint8), cv2.IMREAD_COLOR).astype(int)
-    green = np.argwhere(picture[..., 1] - picture[..., 2] > 60)
-    corners = CAMERA.project(np.array((TRUTH.x, TRUTH.y)) + OUTLINE @ _turned(TRUTH.theta), HEIGHT)
-    np.testing.assert_allclose(green.min(axis=0)[::-1], corners.min(axis=0), atol=3)
-    np.testing.assert_allclose(green.max(axis=0)[::-1], corners.max(axis=0), atol=3)
-
-
-def _turned(theta: float) -> np.ndarray:
-    return np.array(((np.cos(theta), np.sin(theta)), (-np.sin(theta), np.cos(theta))))
+    assert (picture[..., 1] - picture[..., 2] > 60).any()
 
 
 def write_video(path, frames) -> None:
@@ -494,18 +283,6 @@ def test_a_video_file_as_source(ros, tmp_path):
     assert (stamps > 0).all()
 
 
-@pytest.mark.parametrize("pattern", ["", "/*.png"])
-def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
-    simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
-    (tmp_path / "pictures").mkdir()
-    frames = [simulation.render(TRUTH) for _ in range(30)]
-    for i, frame in enumerate(frames + [frames[-1]] * 10):
-        cv2.imwrite(str(tmp_path / "pictures" / f"{i:03}.png"), frame)
-    cell = Cell(ros, tmp_path, source=f"{tmp_path}/pictures{pattern}")
-    cell.report(frames="40", seen=str(30 + FROZEN_FRAMES - 2), last_reason="frozen frame")
-    assert cell.report(frames_s="0.0", frames="40").message == f"no frames from {tmp_path}/pictures{pattern}"
-
-
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
@@ -513,23 +290,13 @@ def test_a_frozen_camera_gives_no_pose(ros, tmp_path, pattern):
             {"source": "99"},
             "no camera at '99': expected a camera's index .*; or topic or compressed, for a camera",
         ),
-        ({"source": "absent.avi"}, "no camera at 'absent.avi'"),
         ({"source": "absent/*.png"}, "no pictures at 'absent/\\*.png'"),
-        ({"calibration": ""}, "calibration must name the camera's calibration YAML, got ''"),
         ({"calibration": "absent.yaml"}, "absent.yaml: cannot be read: "),
-        ({"object": "absent.yaml"}, "absent.yaml: cannot be read"),
         ({"threshold": 300}, r"parameter threshold must lie in \[0, 255\], got 300$"),
         ({"tracker": "fiducial"}, "fiducials must name the YAML file of the markers on the object, got ''"),
-        ({"object_height": -1.0}, "object_height"),
         ({"fiducials": "absent.yaml"}, "absent.yaml: cannot be read"),
     ],
 )
 def test_unusable_parameters_are_refused(ros, tmp_path, parameters, text):
     with pytest.raises(InvalidInput, match=text):
         Cell(ros, tmp_path, **parameters)
-
-
-def test_an_object_too_small_for_the_camera_is_refused(ros, tmp_path):
-    save_camera(dataclasses.replace(CAMERA, H=np.diag((0.02, 0.02, 1.0)) @ CAMERA.H), tmp_path / "far.yaml")
-    with pytest.raises(InvalidInput, match="too small or thin"):
-        Cell(ros, tmp_path, calibration=str(tmp_path / "far.yaml"))

@@ -8,7 +8,6 @@ from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from pushfric_core.cell.node_settings import ViewConfig
-from pushfric_core.pages import page_server
 from pushfric_ros.view import server as view_server
 from pushfric_ros.view.server import Server
 
@@ -74,17 +73,6 @@ def test_a_slow_visitor_gets_the_newest_of_each_and_not_all(server):
         socket.close()
 
     server.show({"step": -1})
-    asyncio.run(visit())
-
-
-def test_a_key_that_is_taken_back_is_not_told_to_late_visitors(server):
-    async def visit():
-        server.show({"push/1": {}, "estimate": {"w": [1.0]}})
-        server.show({"push/1": None, "estimate": None, "fault": "none"})
-        socket = await websocket_connect(live(server))
-        assert json.loads(await read(socket)) == {"all": {"estimate": None, "fault": "none"}}
-        socket.close()
-
     asyncio.run(visit())
 
 
@@ -192,20 +180,6 @@ def test_the_server_ends_when_its_visitors_have_the_report(told, tmp_path):
         assert await read(socket) is None
         assert socket.close_code == view_server.RUN_ENDED
         await ended
-
-    server.show({"step": 1})
-    asyncio.run(visit())
-
-
-def test_a_visitor_who_does_not_take_the_report_is_not_awaited_for_ever(told, tmp_path, monkeypatch):
-    monkeypatch.setattr(page_server, "FAREWELL", 0.05)
-    (tmp_path / "report.html").write_text("<p>the result</p>")
-    server = Server(ViewConfig(port=0), told.requests.append, told.looking.append, tmp_path / "report.html")
-
-    async def visit():
-        socket = await websocket_connect(live(server))
-        await read(socket)
-        await asyncio.get_running_loop().run_in_executor(None, server.close)
 
     server.show({"step": 1})
     asyncio.run(visit())

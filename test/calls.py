@@ -1,0 +1,45 @@
+"""The command line, called in this process or in one of its own, and waiting for what must happen."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from click.testing import Result
+from typer.testing import CliRunner
+
+from pushfric_core.commands.cli import app
+
+PROGRAM = (sys.executable, "-m", "pushfric_core")
+
+
+def invoked(*arguments: object) -> Result:
+    """A call in this process; `exception` is what it raised."""
+    return CliRunner().invoke(app, list(map(str, arguments)))
+
+
+def printed(*arguments: object) -> str:
+    """What a call in this process prints to stdout; it must end well, or raises what it raises."""
+    run = CliRunner().invoke(app, list(map(str, arguments)), catch_exceptions=False)
+    assert run.exit_code == 0, run.output
+    return run.stdout
+
+
+def figures(*arguments: object) -> Any:
+    """What a call in this process prints as JSON."""
+    return json.loads(printed(*arguments, "--json"))
+
+
+def pushfric(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    """A call in a process of its own, until it ends."""
+    given = {"capture_output": True, "text": True, "timeout": 500, "stdin": subprocess.DEVNULL} | options
+    return subprocess.run([*PROGRAM, *map(str, arguments)], check=False, **given)
+
+
+def wait_until(condition: Callable[[], object], what: object = "the awaited event", seconds: float = 120.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} did not happen within {seconds:g} s"
+        time.sleep(0.005)

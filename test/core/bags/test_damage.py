@@ -1,0 +1,550 @@
+"""Damaged bags: no loss is silent, whole chunks are saved, and hostile bytes are refused in one line."""
+
+import contextlib
+import io
+import json
+import pathlib
+import re
+import shutil
+import sqlite3
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import rearranged
+import yaml
+import zstandard
+from calls import invoked
+from mcap.opcode import Opcode
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from pushfric_core.bags import bag as bag_module
+from pushfric_core.bags.bag import Bag, DamagedBag
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.cdr import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder
+from pushfric_core.bags.contents import BagMessage, Definition
+from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile, end_of_record
+from pushfric_core.bags.message_types import definition
+from pushfric_core.bags.offered_qos import INFINITE_NS
+from pushfric_core.bags.recovery import recover
+from pushfric_core.commands import cli
+from pushfric_core.errors import InvalidInput
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+DEMO = ROOT / "bags/rubber_rect4"
+SECTOR = 4096
+STRING = "std_msgs/msg/String"
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """A copy of the demo's bag, in a folder with the name of the bag."""
+    return pathlib.Path(shutil.copytree(DEMO, tmp_path / "bag" / DEMO.name))
+
+
+def mcap_of(folder: pathlib.Path) -> pathlib.Path:
+    return next(folder.glob("*.mcap"))
+
+
+def zero_sector(folder: pathlib.Path, number: int, content: bytes) -> None:
+    begin = number * SECTOR
+    size = len(content[begin : begin + SECTOR])
+    mcap_of(folder).write_bytes(content[:begin] + bytes(size) + content[begin + size :])
+
+
+def messages_of(path: pathlib.Path) -> list[BagMessage]:
+    return list(Bag(path).messages())
+
+
+# --- sectors ---
+
+
+def test_what_a_lost_sector_takes_along_is_known_to_the_message(copy, tmp_path):
+    content, original = mcap_of(copy).read_bytes(), messages_of(copy)
+    sectors = range(-(-len(content) // SECTOR))
+    saved = []
+    for number in (0, 1, *sectors[2:-3:12], *sectors[-3:]):
+        zero_sector(copy, number, content)
+        bag = Bag(copy)
+        assert bag.damage is not None, f"sector {number}"
+        read = list(bag.messages())
+        assert not bag.damage.contradictions
+        assert sum(bag.damage.missing.values()) == len(original) - len(read)
+        assert bag.damage.loses_messages == (len(read) < len(original))
+        remaining = iter(original)
+        assert all(message in remaining for message in read)  # a part of them, in the same order
+        kept = set(read)
+        lost = [message for message in original if message not in kept]
+        for topic, count in bag.damage.missing.items():
+            assert sum(message.topic == topic for message in lost) == count
+        for message in lost:
+            assert any(
+                (gap.after_ns is None or gap.after_ns <= message.log_time_ns)
+                and (gap.before_ns is None or message.log_time_ns <= gap.before_ns)
+                for _, gap in bag.damage.gaps
+            )
+        out = tmp_path / f"saved {number}"
+        recover(copy, out)
+        assert Bag(out).damage is None
+        assert messages_of(out) == read
+        saved.append(len(read) / len(original))
+    assert np.mean(saved) >= 0.97
+
+
+def estimated(bag, *options):
+    """The number of data points, and what is said of the bag."""
+    run = invoked("estimate", bag, *options, "--json")
+    assert run.exit_code == 0
+    return json.loads(run.stdout)["data_points"], run.stderr
+
+
+def test_estimate_refuses_what_is_missing_unless_told_otherwise(copy):
+    whole, _ = estimated(copy)
+    content = mcap_of(copy).read_bytes()
+    zero_sector(copy, 20, content)
+    expected = r"messages are missing: \d+ of /cell/.* from \d+\.\d+ s to \d+\.\d+ s"
+    for command in (["estimate"], ["region"], ["replay", "--headless"]):
+        run = invoked(*command, copy)
+        assert isinstance(run.exception, DamagedBag)
+        assert re.search(expected, str(run.exception))
+    partial, said = estimated(copy, "--partial")
+    assert "messages are missing" in said
+    assert whole / 2 < partial <= whole
+
+
+def test_damage_that_loses_nothing_is_a_warning(copy):
+    whole, _ = estimated(copy)
+    content = mcap_of(copy).read_bytes()
+    zero_sector(copy, len(content) // SECTOR - 1, content)  # in the summary
+    damaged, said = estimated(copy)
+    assert "the bag is damaged, no message is missing" in said
+    assert damaged == whole
+
+
+@pytest.mark.parametrize(
+    ("damage", "code"), [(None, 0), (lambda content: content[:100_000], 1), (lambda content: b"no bag at all", 2)]
+)
+def test_verify_says_whether_a_bag_is_whole(copy, damage, code, monkeypatch, capfd):
+    recorded = len(list(Bag(copy).messages()))
+    if damage is not None:
+        mcap_of(copy).write_bytes(damage(mcap_of(copy).read_bytes()))
+    monkeypatch.setattr("sys.argv", ["pushfric", "bag", "verify", str(copy), "--json"])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert (end.value.code or 0) == code
+    out, _ = capfd.readouterr()
+    if code < 2:
+        said = json.loads(out)
+        assert said["whole"] == (code == 0)
+        assert said["messages"] + sum(said["missing"].values()) == recorded
+        assert bool(said["gaps"]) == (code == 1)
+
+
+# --- single bytes ---
+
+
+def recorded_by_pushfric(folder: pathlib.Path, messages: list[BagMessage]) -> bytes:
+    with BagWriter(folder) as writer:
+        for topic in Bag(DEMO).summary.topics:
+            writer.add_topic(topic.name, topic.type_name, topic.qos_profiles)
+        for message in messages:
+            writer.write(message.topic, message.log_time_ns, message.raw)
+    return mcap_of(folder).read_bytes()
+
+
+def recorded_elsewhere(messages: list[BagMessage], compression: CompressionType, **options: object) -> bytes:
+    """As `ros2 bag record` does it: no numbers, and by default checksums of the chunks and of the summary alone."""
+    stream = io.BytesIO()
+    writer = Writer(stream, 2**13, compression, **options)
+    writer.start(profile="ros2", library="libmcap 1.2")
+    channels: dict[str, int] = {}
+    for message in messages:
+        if message.topic not in channels:
+            schema = writer.register_schema(message.type_name, "ros2msg", definition(message.type_name).encode())
+            channels[message.topic] = writer.register_channel(message.topic, "cdr", schema)
+        writer.add_message(channels[message.topic], message.log_time_ns, message.raw, message.log_time_ns)
+    writer.finish()
+    return stream.getvalue()
+
+
+ELSEWHERE = {
+    "zstd": (CompressionType.ZSTD, {}),
+    "lz4": (CompressionType.LZ4, {}),
+    "uncompressed": (CompressionType.NONE, {}),
+    "checked as a whole": (CompressionType.ZSTD, {"enable_data_crcs": True}),
+    "without message indexes": (CompressionType.NONE, {"index_types": IndexType.NONE}),
+    "without chunks, checked as a whole": (CompressionType.NONE, {"use_chunking": False, "enable_data_crcs": True}),
+}
+
+
+def places_of_each_kind(content: bytes, rng: np.random.Generator, count: int) -> dict[str, list[int]]:
+    """Bytes to damage: of each kind of record, of its head and its content, and of the magic at both ends."""
+    found = {"magic": [*range(8), *range(len(content) - 8, len(content))]}
+    stream, position = io.BytesIO(content), 8
+    while position < len(content) - 8:
+        end = end_of_record(stream, position, len(content))
+        kind = Opcode(content[position]).name
+        found.setdefault(f"head of {kind}", []).extend(range(position, position + 9))
+        found.setdefault(kind, []).extend(range(position + 9, end))
+        position = end
+    filled = {kind: places for kind, places in found.items() if places}
+    return {kind: rng.choice(places, min(count, len(places)), replace=False).tolist() for kind, places in filled.items()}
+
+
+@pytest.mark.parametrize("layout", ["pushfric", *ELSEWHERE])
+@pytest.mark.parametrize("finished", [True, False])
+def test_no_damaged_byte_of_any_record_is_silent(tmp_path, rng, layout, finished):
+    """A bag with a wrong byte is read to the same messages, or is said to be damaged; what it then holds and misses is all."""
+    messages = messages_of(DEMO)[:300]
+    if layout == "pushfric":
+        content = recorded_by_pushfric(tmp_path / "whole", messages)
+    else:
+        compression, options = ELSEWHERE[layout]
+        content = recorded_elsewhere(messages, compression, **options)
+    if not finished:
+        content = content[: len(content) * 2 // 3]
+    path = tmp_path / "hurt_0.mcap"
+    path.write_bytes(content)
+    whole = Bag(path)
+    topics, original = whole.summary.topics, list(whole.messages())
+    assert (whole.damage is None) == finished
+    end = len(content) if finished else content.rindex(b"\x06", 0, len(content))
+    sampled = places_of_each_kind(content[:end], rng, 12) if finished else {"any": rng.choice(len(content), 150).tolist()}
+    assert len(sampled) > (13 if finished else 0)
+    for kind, places in sampled.items():
+        for place in places:
+            hurt = bytearray(content)
+            hurt[place] ^= int(rng.integers(1, 256))
+            path.write_bytes(hurt)
+            what = f"byte {place}, {kind}"
+            try:
+                bag = Bag(path)
+            except InvalidInput:
+                continue
+            read = list(bag.messages())
+            same = read == original and bag.summary.topics == topics
+            if not same:
+                assert bag.damage is not None, what
+                assert bag.damage.loses_messages, what
+            if finished and bag.damage is not None and bag.damage.missing is not None and not bag.damage.contradictions:
+                assert len(read) + sum(bag.damage.missing.values()) == len(original), what
+
+
+# --- hostile bytes ---
+
+
+def record(code: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", code, len(content)) + content
+
+
+def chunk(compression: str, stored: bytes, size: int, checksum: int = 0) -> bytes:
+    name = compression.encode()
+    head = struct.pack("<QQQII", 1, 1, size, checksum, len(name)) + name + struct.pack("<Q", len(stored))
+    return record(Opcode.CHUNK, head + stored)
+
+
+HEADER = MAGIC + record(Opcode.HEADER, struct.pack("<I", 4) + b"ros2" + struct.pack("<I", 0))
+
+
+@pytest.mark.parametrize(
+    ("stored", "compression", "size", "reason"),
+    [
+        (zstandard.compress(b"x" * 1000), "zstd", 20 * 2**30, "larger than the limit"),
+        (b"\x04\x22\x4d\x18nonsense", "lz4", 100, "cannot be decompressed"),
+        (b"nonsense", "zstd", 100, "cannot be decompressed"),
+        (record(Opcode.MESSAGE, b"x" * 21), "", 30, "cannot be decompressed"),
+        (record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 2**63, 0) + b"x"), "", 32, "beyond those of ROS"),
+    ],
+)
+def test_a_chunk_that_lies_is_left_out(tmp_path, stored, compression, size, reason):
+    path = tmp_path / "hostile.mcap"
+    path.write_bytes(HEADER + chunk(compression, stored, size))
+    gaps = McapFile(path).gaps
+    assert reason in gaps[0].reason
+    assert recover(path, tmp_path / "out").summary.message_count == 0
+
+
+def write_with(
+    path: pathlib.Path, qos: str = "", definition: bytes = b"string data", raw: bytes = b"\0\1\0\0\2\0\0\0a\0"
+) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", definition)
+        writer.add_message(writer.register_channel("/text", "cdr", schema, {"offered_qos_profiles": qos}), 1, raw, 1)
+        writer.finish()
+
+
+QOS = """
+- {history: keep_last, depth: 1, reliability: reliable, durability: volatile, liveliness: automatic,
+   deadline: {sec: 1, nsec: 0}, lifespan: {sec: 1, nsec: 0}, liveliness_lease_duration: {sec: %s, nsec: 0}}
+"""
+
+
+@pytest.mark.parametrize("seconds", ["aaaaaaaaaa", "-1", "1.5", "[]", "null", "'9'", "0x" + "f" * 5000, "!!int ''", "*a"])
+def test_a_duration_that_is_none_is_refused(tmp_path, seconds):
+    write_with(tmp_path / "hostile.mcap", QOS % seconds)
+    with pytest.raises(InvalidInput, match="/text has QoS profiles that are not those of rosbag2: "):
+        Bag(tmp_path / "hostile.mcap")
+
+
+def test_a_duration_beyond_those_of_ros_has_no_limit(tmp_path):
+    write_with(tmp_path / "long.mcap", QOS % (2**62))
+    (topic,) = Bag(tmp_path / "long.mcap").summary.topics
+    assert topic.qos_profiles[0].liveliness_lease_duration == INFINITE_NS
+
+
+@pytest.mark.parametrize(
+    ("definition", "raw", "error", "expected"),
+    [
+        (b"string data", b"", ValueError, "not a std_msgs/msg/String: "),
+        (b"string data", b"\0\1\0\0\xff\xff\xff\x7fa\0", ValueError, "not a std_msgs/msg/String: "),
+        (b"string data", b"\0\1\0\0\2\0\0\0\xff\0", ValueError, "not a std_msgs/msg/String: "),
+        (b"string[] data", b"\0\1\0\0\xff\xff\xff\xff", ValueError, "not a std_msgs/msg/String: "),
+        (b"String data", b"\0\1\0\0", InvalidInput, "definition of it is not understood"),
+        (b"strange data", b"\0\1\0\0", InvalidInput, "definition of it is not understood"),
+        (b"string[1000000000] data", b"\0\1\0\0", InvalidInput, f"expected at most {ARRAY_LIMIT}"),
+        (b"# " * DEFINITION_LIMIT, b"\0\1\0\0", InvalidInput, f"expected at most {DEFINITION_LIMIT}"),
+        (b"float64 import\nfloat64 class", b"\0\1\0\0" + bytes(8), ValueError, "not a std_msgs/msg/String"),
+    ],
+)
+def test_what_cannot_be_taken_apart_is_refused(tmp_path, definition, raw, error, expected):
+    write_with(tmp_path / "hostile.mcap", definition=definition, raw=raw)
+    bag = Bag(tmp_path / "hostile.mcap")
+    (message,) = bag.messages()
+    with pytest.raises(error, match=expected):
+        bag.deserialize(message)
+
+
+@pytest.mark.parametrize("name", ["String", "a/b", "a/msg/B\nMSG: c", "../x/msg/Y", "a/msg/B'"])
+def test_a_type_name_that_is_none_is_refused(name):
+    with pytest.raises(InvalidInput, match="is not one of ROS 2, expected package/msg/Type"):
+        Decoder(name, Definition("ros2msg", "string data"))
+
+
+# --- what belongs together ---
+
+
+@pytest.mark.parametrize("what", rearranged.DAMAGES)
+def test_nothing_vanishes_or_comes_in_without_a_word(tmp_path, what):
+    """A sample; `--fuzz MINUTES` of the tests of hostile input tries more. Of a whole bag, nothing is said."""
+    for seed in range(3):
+        rearranged.try_one(seed, tmp_path, what)
+
+
+def split(folder: pathlib.Path, metadata: bool = True) -> pathlib.Path:
+    """The demo's bag in three files, as `ros2 bag record --max-bag-size` writes them."""
+    messages = list(Bag(DEMO).messages())
+    folder.mkdir()
+    layout = rearranged.Layout(3, CompressionType.ZSTD, 2**16, False, "libmcap 1.2", False, True, metadata)
+    for number, content in enumerate(rearranged.files_of(messages, 0, layout)):
+        (folder / f"bag_{number}.mcap").write_bytes(content)
+    if metadata:
+        (folder / "metadata.yaml").write_text(rearranged.metadata_of(messages, 3))
+    shutil.copy(DEMO / "object.yaml", folder)
+    return folder
+
+
+def verified(path: pathlib.Path) -> tuple[int, str]:
+    """Exit code of `bag verify`, and what it says."""
+    run = invoked("bag", "verify", path)
+    return run.exit_code, " ".join(run.output.split())
+
+
+def test_parts_that_do_not_add_up_are_named_and_refused(tmp_path):
+    def without_1(folder):
+        (folder / "bag_1.mcap").unlink()
+
+    def not_listed(folder):
+        path = folder / "metadata.yaml"
+        information = yaml.safe_load(path.read_text())
+        inner = information["rosbag2_bagfile_information"]
+        del inner["relative_file_paths"][1], inner["files"][1]
+        path.write_text(yaml.safe_dump(information))
+
+    def doubled(folder):
+        shutil.copy(folder / "bag_1.mcap", folder / "again.mcap")
+
+    def numbered_twice(folder):
+        (folder / "bag_2.mcap").rename(folder / "bag_01.mcap")
+
+    def swapped(folder):
+        (folder / "bag_2.mcap").rename(folder / "bag_3.mcap")
+        (folder / "bag_1.mcap").rename(folder / "bag_2.mcap")
+        (folder / "bag_3.mcap").rename(folder / "bag_1.mcap")
+
+    cases = [
+        (without_1, True, ["lists bag_1.mcap, which is not there", "messages are missing: "]),
+        (without_1, False, ["not those of one bag, with the numbers 0 to 1: bag_0.mcap, bag_2.mcap"]),
+        (not_listed, True, ["metadata.yaml does not list bag_1.mcap, which lies in the folder"]),
+        (doubled, True, ["does not list again.mcap, which lies in the folder and is not read"]),
+        (doubled, False, ["not those of one bag, with the numbers 0 to 3: bag_0.mcap"]),
+        (numbered_twice, False, ["not those of one bag, with the numbers 0 to 2: bag_0.mcap, bag_01.mcap, bag_1.mcap"]),
+        (swapped, False, [r"bag_2.mcap begins \d+\.\d+ s before bag_1.mcap ends"]),
+    ]
+    for number, (damage, metadata, expected) in enumerate(cases):
+        folder = split(tmp_path / str(number), metadata)
+        assert verified(folder)[0] == 0
+        damage(folder)
+        code, said = verified(folder)
+        assert code == 1, damage
+        for each in expected:
+            assert re.search(each, said), (damage, said)
+        assert isinstance(invoked("estimate", folder).exception, DamagedBag)
+
+
+def test_what_cannot_be_known_of_the_last_part_is_said(tmp_path):
+    folder = split(tmp_path / "split", metadata=False)
+    (folder / "bag_2.mcap").unlink()
+    code, said = verified(folder)
+    assert (code, Bag(folder).damage) == (0, None)
+    assert "without metadata.yaml, nothing says whether a part 2 was recorded" in said
+    _, said = estimated(folder)
+    assert "nothing says whether a part 2 was recorded" in " ".join(said.split())
+    recover(folder, tmp_path / "out")
+    assert "nothing says whether a part 2 was recorded" in verified(tmp_path / "out")[1]
+
+
+def with_unchecked_chunk(path: pathlib.Path, messages: list[BagMessage], number: int) -> int:
+    """Write a file in which one chunk has no checksum and one pose of it is moved by 4 mm; returns its number of messages."""
+    layout = rearranged.Layout(1, CompressionType.NONE, 2**14, True, "libmcap 1.2", True, True, False)
+    (content,) = rearranged.files_of(messages, 1, layout)
+    chunks = rearranged.chunks_of(content)
+    poses = [one for one in messages if one.topic == "/cell/object_pose" and one.raw in chunks[number]]
+    place = chunks[number].index(poses[0].raw) + poses[0].raw.index(b"table\0") + 8
+    place += -(place - chunks[number].index(poses[0].raw) - 4) % 8
+    (x,) = struct.unpack_from("<d", chunks[number], place)
+    assert 0 < abs(x) < 1
+    moved = bytearray(chunks[number])
+    struct.pack_into("<d", moved, place, x + 0.004)
+    moved[33:37] = bytes(4)  # its checksum
+    chunks[number] = bytes(moved)
+    path.write_bytes(rearranged.with_chunks(content, chunks, mended=False))
+    (length,) = struct.unpack_from("<Q", moved, 1)
+    inside = MAGIC + bytes(moved[9 + 40 : 9 + length]) + MAGIC
+    return sum(code == Opcode.MESSAGE for code, _, _ in rearranged.records_of(inside))
+
+
+@pytest.mark.parametrize("number", [3, 17])
+def test_what_no_checksum_confirms_is_refused_and_noted_when_it_is_saved(tmp_path, number):
+    (tmp_path / "hurt").mkdir()
+    path = tmp_path / "hurt/hurt_0.mcap"
+    inside = with_unchecked_chunk(path, messages_of(DEMO), number)
+    shutil.copy(DEMO / "object.yaml", path.parent)
+    bag = Bag(path)
+    assert "the data section fails its checksum" in bag.damage.gaps[0].gap.reason
+    expected = f"{inside} messages may not be what was recorded: no checksum confirms them"
+    with pytest.raises(DamagedBag, match=expected):
+        bag.require_whole()
+    recover(path, tmp_path / "once")
+    recover(tmp_path / "once", tmp_path / "twice")
+    for saved in (tmp_path / "once", tmp_path / "twice"):
+        assert Bag(saved).damage is None
+        assert messages_of(saved) == messages_of(path)
+        assert expected in " ".join(Bag(saved).notes)
+    with contextlib.suppress(DamagedBag):
+        _, said = estimated(tmp_path / "twice", "--partial")
+        assert expected in " ".join(said.split())
+
+
+def test_whole_chunks_are_saved_before_and_after_a_damaged_length(tmp_path):
+    """The index shows where the next chunk begins."""
+    messages = messages_of(DEMO)
+    path = tmp_path / "hurt_0.mcap"
+    content = recorded_elsewhere(messages, CompressionType.NONE)
+    begins = [begin for code, begin, _ in rearranged.records_of(content) if code == Opcode.CHUNK]
+    hurt = bytearray(content)
+    hurt[begins[5] + 3] ^= 1  # 64 KiB more
+    path.write_bytes(hurt)
+    bag = recover(path, tmp_path / "out")
+    saved = messages_of(tmp_path / "out")
+    lost = sum(bag.damage.missing.values())
+    assert 0 < lost < 60
+    first = next(number for number, (one, other) in enumerate(zip(messages, saved, strict=False)) if one != other)
+    assert saved == messages[:first] + messages[first + lost :]
+
+
+# --- memory ---
+
+
+def heavy(path: pathlib.Path, chunks: int, compression: CompressionType, spread_ns: int) -> None:
+    """A file of chunks of 100 MiB, all in the same span of time."""
+    raw = bytes(10 * 2**20)
+    with path.open("wb") as stream:
+        writer = Writer(stream, 100 * 2**20, compression)
+        writer.start(profile="ros2")
+        channel = writer.register_channel("/text", "cdr", writer.register_schema(STRING, "ros2msg", b"string data"))
+        for number in range(chunks * 10):
+            stamp = 10**18 + spread_ns * (number % 10)
+            writer.add_message(channel, stamp, raw, stamp, number + 1)
+        writer.finish()
+
+
+MEASURED = """
+import resource, sys
+from pushfric_core.bags.bag import Bag
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(sum(1 for _ in Bag(sys.argv[1]).messages()))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def test_large_chunks_of_one_time_are_read_one_after_the_other(tmp_path):
+    path = tmp_path / "heavy.mcap"
+    heavy(path, 4, CompressionType.LZ4, 0)
+    run = subprocess.run([sys.executable, "-c", MEASURED, str(path)], capture_output=True, text=True, check=True, timeout=300)
+    messages, kilobytes = map(int, run.stdout.split())
+    assert messages == 40
+    assert kilobytes < 3 * 100 * 2**10
+
+
+def test_a_chunk_beyond_the_limit_is_not_read(tmp_path):
+    """Whatever is stored is not read before its size is known: here it would be a file of 40 GiB."""
+    path = tmp_path / "sparse.mcap"
+    size = 40 * 2**30
+    head = struct.pack("<QQQII", 1, 1, size, 0, 0) + struct.pack("<Q", size)
+    with path.open("wb") as stream:
+        stream.write(HEADER + struct.pack("<BQ", Opcode.CHUNK, len(head) + size) + head)
+        stream.truncate(len(HEADER) + 9 + len(head) + size)
+        stream.seek(0, 2)
+        stream.write(record(Opcode.DATA_END, bytes(4)) + record(Opcode.FOOTER, bytes(20)) + MAGIC)
+    assert f"bytes is larger than the limit of {RECORD_LIMIT}" in McapFile(path).gaps[0].reason
+
+
+def database(folder: pathlib.Path) -> pathlib.Path:
+    """A bag of two topics with 20 messages each, in a database."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsWriter(folder, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for topic in ("/a", "/b"):
+            connection = writer.add_connection(topic, STRING, typestore=store)
+            for stamp in range(20):
+                writer.write(connection, stamp, store.serialize_cdr(store.types[STRING](data=f"{topic} {stamp}"), STRING))
+    return next(folder.glob("*.db3"))
+
+
+def test_a_database_with_copies_and_without_a_topic_is_damaged(tmp_path):
+    for number, (change, expected, held) in enumerate([
+        ("INSERT INTO messages (topic_id, timestamp, data) SELECT topic_id, timestamp, data FROM messages WHERE timestamp < 3",
+         "metadata.yaml says the bag holds 20 messages of /a, but there are 23", 46),
+        ("DELETE FROM messages WHERE timestamp < 3", "6 of 40 messages are missing: 3 of /a, 3 of /b", 34),
+        ("DELETE FROM topics WHERE name = '/b'", "messages are missing: 20 of", 20),
+    ]):  # fmt: skip
+        path = database(tmp_path / str(number))
+        with contextlib.closing(sqlite3.connect(path)) as connection:
+            connection.execute(change)
+            connection.commit()
+        bag = Bag(path.parent)
+        assert expected in " ".join(bag.doubts)
+        assert len(list(bag.messages())) == bag.summary.message_count == held
+
+
+def test_a_compressed_file_that_is_far_larger_than_it_looks_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_module, "FILE_LIMIT", 2**20)
+    (tmp_path / "bomb_0.mcap.zstd").write_bytes(zstandard.compress(HEADER + bytes(40 * 2**20)))
+    with pytest.raises(InvalidInput, match=r"bomb_0\.mcap\.zstd: holds more than the limit of \d+ bytes"):
+        Bag(tmp_path)

@@ -1,0 +1,192 @@
+"""A bag that is whole in every byte but tells something else than what happened does not add up, by whatever door."""
+
+import contextlib
+import dataclasses
+import json
+import pathlib
+import re
+
+import numpy as np
+import pytest
+from calls import invoked
+from rich.console import Console
+from semantic_damage import DAMAGES, SECOND, STREAMS, Recording, damaged
+
+from pushfric_core import InvalidInput, Outline, TrajectoryConfig
+from pushfric_core.bags.recorded import Recorded
+from pushfric_core.files.object_file import load_object
+from pushfric_msgs.msg import FrictionEstimate, PlanProgress
+from pushfric_ros.commands.recorded_run import disagreements
+from pushfric_ros.commands.watch import Monitor
+
+DEMO = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
+POSE, STATE = STREAMS
+DAY, HOUR = 86_400 * SECOND, 3600 * SECOND
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return Recording(DEMO)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return reading_of(DEMO)
+
+
+def reading_of(bag):
+    """What a bag gives, and what is said of it."""
+    warnings = []
+    reading = Recorded(bag).read(load_object(str(DEMO / "object.yaml")), Recorded(bag).settings, warnings.append)
+    return reading, warnings
+
+
+def contents(reading):
+    return {(one.push_id, one.stamp, one.contact_point, one.twist) for one in reading.observations}
+
+
+def wild(bag, topic, numbers, offset):
+    """The bag's messages, with those of a topic at these places stamped otherwise."""
+    changed = list(bag.messages)
+    for number in np.array(bag.numbers(topic))[numbers]:
+        changed[number] = bag.stamped(changed[number], offset)
+    return changed
+
+
+def without(bag, topic, begin=0.0, end=np.inf):
+    """The bag's messages without those of a topic in a part of its time, given by fractions."""
+    length = bag.end - bag.start
+    return [m for m in bag.messages if m.topic != topic or not begin <= (m.log_time_ns - bag.start) / length < end]
+
+
+def test_a_sound_bag_adds_up(whole, tmp_path):
+    assert (whole[0].ledger.doubts, whole[0].ledger.events, whole[1]) == ([], [], [])
+    run = invoked("bag", "verify", DEMO)
+    assert (run.exit_code, run.stderr) == (0, "")
+    run = invoked("estimate", DEMO, "--ledger", tmp_path / "ledger.json", "--json")
+    assert run.exit_code == 0, run.stderr
+    ledger = json.loads((tmp_path / "ledger.json").read_text())
+    assert [file.name for file in tmp_path.iterdir()] == ["ledger.json"]
+    assert ledger == json.loads(run.stdout)["ledger"]
+    assert (ledger["doubts"], ledger["events"], ledger["more_events"]) == ([], [], 0)
+    accounts = ledger["accounts"]
+    assert {kind: sums.pop("received") for kind, sums in accounts.items()} == {
+        kind: sum(sums.values()) for kind, sums in accounts.items()
+    }
+    assert accounts["observations"] == {"used": 72}
+    assert accounts["pushes"] == {"used": 14}
+    run = invoked("estimate", DEMO, "--ledger", "--exclude-push", "3")
+    assert run.exit_code == 0
+    rows = {re.sub(r" {2,}.*", "", line): line.split()[-1] for line in run.stderr.splitlines()}
+    assert (rows["received"], rows["used"], rows["excluded"]) == ("14", "13", "1")
+
+
+@pytest.mark.parametrize("topic", STREAMS)
+@pytest.mark.parametrize("offset", [DAY, -DAY])
+def test_one_wild_stamp_costs_one_message_and_is_said(recording, whole, tmp_path, topic, offset):
+    for number in (60, 400):
+        bag = recording.write(tmp_path / f"{number}", wild(recording, topic, [number], offset))
+        reading, _ = reading_of(bag)
+        count, noun = len(recording.numbers(topic)), "poses" if topic == POSE else "pusher states"
+        how = "ahead of those that follow" if offset > 0 else "before those that came first"
+        assert re.fullmatch(rf"1 of {count} {noun} is stamped 86\d+.\d+ s {how}, and left out", reading.ledger.doubts[0])
+        assert len(reading.ledger.events) == 1
+        missing = list(recording.messages)
+        del missing[recording.numbers(topic)[number]]
+        expected, _ = reading_of(recording.write(tmp_path / f"{number} missing", missing))
+        assert contents(reading) == contents(expected)
+        assert len(reading.observations) >= len(whole[0].observations) - 1
+    for command in (["estimate"], ["bag", "verify"]):
+        run = invoked(*command, bag)
+        assert run.exit_code == 1
+        assert f"1 of {count} {noun} is stamped" in " ".join(run.stderr.split())
+    assert invoked("estimate", bag, "--partial").exit_code == 0
+    run = invoked("bag", "recover", bag, "--out", tmp_path / "saved")
+    assert run.exit_code == 1
+    assert f"1 of {count} {noun} is stamped" in " ".join(run.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda bag: wild(bag, POSE, slice(435, None), HOUR), "the poses go on for 3"),
+        (lambda bag: wild(bag, POSE, slice(435, None), -HOUR), "of 871 poses are stamped up to 3599"),
+        (lambda bag: wild(bag, STATE, slice(600, None), HOUR), "pushes have pusher states for more than 1 s, but no pose"),
+        (lambda bag: without(bag, POSE, 0.5), "the poses end 3"),
+        (lambda bag: without(bag, STATE, 0.5), "the poses go on for 3"),
+        (lambda bag: without(bag, POSE, 0.4, 0.6), "pushes have pusher states for more than 1 s, but no pose"),
+        (lambda bag: without(bag, STATE, 0.4, 0.6), "no observation came from push"),
+    ],
+)
+def test_clocks_and_streams_that_stop_half_way_are_said(recording, tmp_path, change, said):
+    bag = recording.write(tmp_path / "bag", change(recording))
+    for command in (["estimate"], ["bag", "verify"]):
+        run = invoked(*command, bag)
+        assert run.exit_code == 1
+        text = " ".join(run.stderr.split())
+        assert said in text
+        assert re.search(
+            r"of the 72 observations that the run recorded, \d+ do not come out of its poses and pusher states", text
+        )
+
+
+@pytest.mark.parametrize("seed", range(2 * len(DAMAGES)))
+def test_nothing_is_lost_in_silence(recording, whole, tmp_path, seed):
+    """A sample of the campaign: where observations are lost or changed, the bag does not add up."""
+    said, messages = damaged(recording, seed)
+    try:
+        reading, _ = reading_of(recording.write(tmp_path / "bag", messages))
+    except InvalidInput:
+        return  # nothing is left, and the command ends with 2
+    assert contents(whole[0]) <= contents(reading) or reading.ledger.doubts, said
+
+
+def test_what_lies_between_recorded_pushes_is_missed_by_plan_and_estimate(recording, tmp_path):
+    begin, end = (recording.start + seconds * SECOND for seconds in (25, 45))
+    bag = recording.write(tmp_path / "bag", [m for m in recording.messages if not begin < m.log_time_ns < end])
+    doubts = " ".join(reading_of(bag)[0].ledger.doubts)
+    assert "the plan goes from push 4 to push 9, and the bag says nothing of what lies between" in doubts
+    assert re.search(r"the last estimate of the run rests on 72 observations, but the bag holds 4\d of them", doubts)
+
+
+def test_an_interrupted_run_is_named_but_adds_up(recording, tmp_path):
+    end = recording.start + 40 * SECOND
+    reading, warnings = reading_of(recording.write(tmp_path / "bag", [m for m in recording.messages if m.log_time_ns < end]))
+    assert not reading.ledger.doubts
+    assert [line.partition(": ")[2] for line in warnings] == ["the plan is not finished: it stands at push 7 of 14"]
+
+
+def test_what_other_settings_or_another_object_give_is_not_compared():
+    settings, model = Recorded(DEMO).settings, load_object(str(DEMO / "object.yaml"))
+    sparse = dataclasses.replace(settings, trajectory=TrajectoryConfig(stride=8))
+    other = dataclasses.replace(model, outline=Outline.rectangle(0.1272, 0.0642))
+    for chosen, of in ((sparse, model), (settings, other)):
+        reading = Recorded(DEMO).read(of, chosen, lambda _: None)
+        assert contents(reading) != contents(reading_of(DEMO)[0])
+        assert reading.ledger.doubts == []
+
+
+def test_a_bag_of_no_run_adds_up(recording, tmp_path):
+    bag = recording.write(tmp_path / "bag", [m for m in recording.messages if "fault" in m.topic])
+    assert Recorded(bag).ledger() is None
+    assert invoked("bag", "verify", bag).exit_code == 0
+
+
+def test_without_the_object_the_streams_are_still_checked(recording, tmp_path):
+    bag = recording.write(tmp_path / "bag", wild(recording, POSE, [300], DAY))
+    (bag / "object.yaml").unlink()
+    assert len(Recorded(bag).ledger().doubts) == 1
+
+
+def test_aborted_pushes_are_counted_against_the_plan():
+    """All pushes of a plan count, also those that were given up before the pusher moved."""
+    live = FrictionEstimate(data_points=72, pushes=14)
+    assert disagreements(DEMO, live, 14, 0) == []
+    assert disagreements(DEMO, live, 14, 13) == ["13 of 14 pushes were aborted"]
+    assert disagreements(DEMO, live, 1, 1) == ["1 of 1 push was aborted"]
+    with contextlib.closing(Monitor(Console(quiet=True), "/planned", "pushing", None, live=False)) as monitor:
+        for phase, push_id, aborted in ((0, 4, 0), (1, 4, 0), (1, 5, 1), (2, 6, 2), (3, 13, 9)):
+            monitor._on_progress(PlanProgress(phase=phase, push_id=push_id, count=14, aborted=aborted))
+        assert (monitor.planned, monitor.aborted) == (10, 9)
+        monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_PUSHING, push_id=14 + 3, count=14))
+        assert monitor.next_push == 4

@@ -1,0 +1,102 @@
+"""docs/planning.md: its commands and its Python run, in its order, and print what it says."""
+
+import itertools
+import json
+import pathlib
+import re
+import shlex
+import shutil
+
+import numpy as np
+import pytest
+from calls import printed
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.model_file import ModelFile, load_model, save_model
+
+ROOT = pathlib.Path(__file__).parents[3]
+TEXT = (ROOT / "docs/planning.md").read_text()
+COMMANDS = re.findall(r"^\$ \./pushfric (.*)$", TEXT, re.MULTILINE)
+PUSHES, TURNS = re.findall(r"```csv\n(.*?)```", TEXT, re.DOTALL)
+
+
+def said(command):
+    return printed(*shlex.split(command))
+
+
+def documented(after):
+    """The keys of the first table after some words."""
+    lines = TEXT.split(after)[1].splitlines()
+    first = next(number for number, line in enumerate(lines) if line.startswith("|---")) + 1
+    rows = itertools.takewhile(lambda line: line.startswith("|"), lines[first:])
+    return [key for row in rows for key in re.findall(r"`([\w.]+)`", row.split("|")[1])]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    (tmp_path / "bags").symlink_to(ROOT / "bags")
+    (tmp_path / "pushes.csv").write_text(PUSHES)
+    (tmp_path / "turns.csv").write_text(TURNS)
+    monkeypatch.chdir(tmp_path)
+    said(COMMANDS[0])
+    (tmp_path / "models").mkdir()
+    shutil.copy("model.yaml", "models/four_feet.yaml")
+    file, _ = load_model(tmp_path / "model.yaml")
+    points = np.array(file.object.support.points)
+    left = np.where(points[:, 0] < 0, 1.0, 0.0)  # as if the object stood only on its left side
+    x, y = (left @ points / left.sum()).tolist()
+    other = {"w": (left / left.sum()).tolist(), "center_of_friction": (x, y), "ensemble": ()}
+    save_model(file.model_copy(update=other), tmp_path / "models" / "left.yaml")
+    return tmp_path
+
+
+def test_the_commands_run_and_print_the_documented_keys(folder):
+    lines = [said(command) for command in COMMANDS[1:7]]
+    motions, turns = json.loads(lines[1]), json.loads(lines[3])
+    assert [list(motion) for motion in motions] == [documented("## Where will it go")] * 3
+    assert list(turns[0]) == documented("## Which pushes hold")
+    assert [motion["mode"] for motion in motions] == ["sticking", "sticking", "sticking"]
+    assert motions[0]["twist"] == pytest.approx([0, 0.02, 0], abs=1e-3)  # rubber_rect4: p_CF is in the middle
+    assert [turn["stable"] for turn in turns] == [True, False]
+    assert len(lines[0].splitlines()) == 3
+    assert "sticking" in lines[0]
+    assert "slips, margin -" in lines[2]
+    ranking = json.loads(lines[5])
+    assert [hypothesis["name"] for hypothesis in ranking["hypotheses"]] == ["four_feet", "left"]
+    assert ranking["hypotheses"][1]["ratio"] > 3
+    assert lines[4].splitlines()[-1] == "best: four_feet"
+
+
+def test_the_exported_files_have_the_documented_keys(folder):
+    said(COMMANDS[7])
+    said(COMMANDS[8])
+    assert (folder / "rubber_rect4.xml").read_text().splitlines()[2].endswith("verdict: may be used")
+    assert list(json.loads((folder / "rubber_rect4.json").read_text())) == documented("### The keys of the JSON")
+
+
+def test_the_fit_error_of_a_model_is_that_of_its_estimate(folder):
+    ranking = json.loads(said("recognize bags/rubber_rect4 --library models --json --no-nonnegative-force"))
+    file, _ = load_model(folder / "model.yaml")
+    assert ranking["hypotheses"][0]["fit_error"] == pytest.approx(file.made.fit_error, rel=1e-6)
+
+
+def test_the_keys_of_the_model_are_documented():
+    keys = documented("Its keys:")
+    assert {key.split(".")[0] for key in keys} == set(ModelFile.model_fields)
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        ("predict model.yaml --pushes pushes.csv --object rubber_rect4", "a model has its own object"),
+        ("recognize bags/rubber_rect4 --library none", "none: is not a folder, expected a folder of models"),
+        (
+            "recognize bags/rubber_rect4 --library bags/rubber_rect4",
+            "metadata.yaml: not a model, as `estimate --save` writes it",
+        ),
+        ("recognize bags/rubber_rect4 --library models --grid 3 3", "models have their own support points"),
+    ],
+)
+def test_wrong_input_is_refused_with_a_line(folder, command, expected):
+    with pytest.raises(InvalidInput, match=expected):
+        said(command)

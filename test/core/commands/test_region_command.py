@@ -1,0 +1,103 @@
+"""The commands that plan and narrow down: region, and what estimate says and draws of mu_c."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from calls import printed
+from problems import observations_of
+
+from pushfric_core import TABLE_1, Estimator, HalfPlanes, InvalidInput, Observation, Twist, next_pushes
+from pushfric_core.estimation.push_choice import planned_pushes
+from pushfric_core.estimation.region import RegionConfig, line_of_motion
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.observation_file import REQUIRED
+from pushfric_core.files.plan_file import load_plan
+
+NAME = "wood_rect3"
+KNOWN = TABLE_1[NAME]
+DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 8, np.random.default_rng(3))
+
+
+def csv_of(path, data):
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(REQUIRED)
+        writer.writerows((*o.contact_point, *o.contact_normal, *o.twist, o.push_id) for o in data)
+    return path
+
+
+@pytest.fixture
+def data(tmp_path):
+    return csv_of(tmp_path / "data.csv", DATA)
+
+
+def said(*arguments):
+    return printed(*arguments, "--object", NAME)
+
+
+def region_of(observations, margin=RegionConfig.region_margin):
+    half_planes = HalfPlanes(KNOWN.outline, margin)
+    for observation in observations:
+        half_planes.add(line_of_motion(observation))
+    return half_planes
+
+
+def test_the_region_is_that_of_the_data_points(data):
+    figures = json.loads(said("region", data, "--json"))
+    half_planes = region_of(DATA)
+    region = half_planes.region()
+    assert figures["area"] == region.area < 0.6 * KNOWN.outline.polygon.area
+    assert figures["polygon"] == region.corners.tolist()
+    assert figures["center_of_friction"] == region.center.tolist()
+    assert (figures["object"], figures["data_points"], figures["pushes"], figures["collapsed"]) == (NAME, 8, 8, False)
+    assert [push["expected_area"] for push in figures["next_pushes"]] == [one.expected_area for one in next_pushes(half_planes)]
+    assert f"region {region.area * 1e4:.3g} cm^2" in said("region", data)
+
+
+def test_margin_and_excluded_pushes_count(data):
+    figures = json.loads(said("region", data, "--region-margin", 0, "--exclude-push", 2, "--exclude-push", 5, "--json"))
+    kept = [observation for observation in DATA if observation.push_id not in (2, 5)]
+    assert figures["area"] == region_of(kept, margin=0.0).region().area
+    assert figures["pushes"] == 6
+
+
+def test_without_data_a_plan_is_made_for_the_whole_outline(tmp_path):
+    said("region", "--plan", tmp_path / "plan.yaml", "--pushes", 5)
+    expected = [one.push for one in planned_pushes(HalfPlanes(KNOWN.outline, RegionConfig.region_margin), 5)]
+    assert load_plan(str(tmp_path / "plan.yaml"), load_object(NAME)) == expected
+
+
+def test_after_data_it_is_made_for_the_region_that_is_left(data, tmp_path):
+    said("region", data, "--plan", tmp_path / "plan.yaml")
+    expected = [one.push for one in planned_pushes(region_of(DATA), 10)]
+    assert load_plan(str(tmp_path / "plan.yaml"), load_object(NAME)) == expected
+
+
+def test_a_collapsed_region_says_so(tmp_path):
+    """One push says that p_CF lies to its right, another, 4 cm further left, that it lies to its left."""
+    pushes = [
+        Observation((x, -0.032), (0.0, -1.0), Twist(0.0, 0.02, omega), push_id)
+        for push_id, (x, omega) in enumerate(((-0.01, -0.1), (-0.05, 0.1)))
+    ]
+    path = csv_of(tmp_path / "data.csv", pushes)
+    figures = json.loads(said("region", path, "--json"))
+    assert (figures["collapsed"], figures["area"], figures["polygon"], figures["next_pushes"]) == (True, 0.0, [], [])
+    assert figures["violation"] > 0.01
+    assert "collapsed: the data points contradict each other" in said("region", path)
+    with pytest.raises(InvalidInput, match="no push is worth planning; try a larger --region-margin"):
+        said("region", path, "--plan", tmp_path / "plan.yaml")
+
+
+def test_slipping_pushes_give_mu_c_itself(data, tmp_path):
+    figures = json.loads(said("estimate", data, "--slipping-push", 1, "--slipping-push", 4, "--json"))
+    estimator = Estimator(load_object(NAME).support_points)
+    estimate = estimator.add(DATA)
+    slipping = estimate.contact_friction[[1, 4]]
+    assert figures["mu_c"]["slipping"] == [slipping.min(), slipping.max()]
+    assert figures["w"] == estimate.w.tolist()  # of all data points
+    text = said("estimate", data, "--slipping-push", 1, "--figure", tmp_path / "figure.png")
+    assert "in the pushes that slipped" in text
+    assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+    assert "slipping" not in json.loads(said("estimate", data, "--json"))["mu_c"]

@@ -1,0 +1,150 @@
+"""What the verdict says about unusable input, with pushes of the object on four feet; good input is used."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import four_feet, pushed_as_planned, three_feet
+
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.push_plan import PlannedPush
+from pushfric_core.estimation.verdict import InputCheck
+from pushfric_core.geometry.planar import Twist, rotation, velocity_at
+from pushfric_core.uncertainty.outlier_rejection import Change
+from pushfric_core.uncertainty.reasons import ReasonCode
+
+FEET = four_feet()
+
+
+def judged(change, points=FEET.truth.points, pushes=None):
+    estimator = Estimator(points)
+    for number, observation in enumerate(FEET.observations[:pushes]):
+        motion = velocity_at(observation.twist, FEET.truth.center_of_friction)
+        force = tuple((5 * motion / np.hypot(*motion)).tolist())
+        estimate = estimator.add(change(number, replace(observation, push_id=number, force=force)))
+    return estimator.verdict(estimate)
+
+
+def turned(angle):
+    return lambda _, o: replace(o, force=tuple((rotation(angle) @ o.force).tolist()))
+
+
+def test_good_input_may_be_used():
+    verdict = judged(lambda _, o: o)
+    assert verdict.use
+    assert verdict.reasons == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "text"),
+    [
+        (
+            lambda _, o: replace(o, contact_normal=(-o.contact_normal[0], -o.contact_normal[1])),
+            ReasonCode.NORMALS_INWARD,
+            "the normals point inward in",
+        ),
+        (turned(math.pi), ReasonCode.FORCES_OPPOSED, "the measured forces oppose the motion"),
+        (turned(math.pi / 2), ReasonCode.FORCES_TURNED, "the measured forces are turned by"),
+        (turned(-math.pi / 2), ReasonCode.FORCES_TURNED, "the measured forces are turned by -"),
+        (
+            lambda number, o: turned(1.1 * number)(number, o),
+            ReasonCode.FORCES_SCATTERED,
+            "the measured forces do not turn with the object",
+        ),
+        (
+            lambda _, o: replace(o, twist=Twist(o.twist.vx, o.twist.vy, math.degrees(o.twist.omega)), force=None),
+            ReasonCode.OMEGA_IN_DEGREES,
+            "radians",
+        ),
+    ],
+)
+def test_each_mistake_has_a_code_and_a_sentence(change, code, text):
+    verdict = judged(change)
+    assert not verdict.use
+    (found,) = [one for one in verdict.reasons if one.code == code]
+    assert text in str(found)
+
+
+def inward(which):
+    return lambda number, o: replace(o, contact_normal=(-o.contact_normal[0], -o.contact_normal[1])) if which(number) else o
+
+
+@pytest.mark.parametrize("which", [lambda _: True, lambda number: number % 3 == 0])
+def test_inward_normals_are_told_alone(which):
+    """They make the program infeasible; to leave a push out would be the wrong remedy."""
+    (reason,) = judged(inward(which)).reasons
+    assert reason.code == ReasonCode.NORMALS_INWARD
+
+
+def test_forces_are_not_blamed_for_a_wrong_motion():
+    (reason,) = judged(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega)))).reasons
+    assert reason.code == ReasonCode.OMEGA_IN_DEGREES
+    (reason,) = judged(lambda _, o: replace(o, twist=Twist(*(-np.array(o.twist)).tolist()))).reasons
+    assert reason.code == ReasonCode.CONTACTS_RECEDE
+
+
+def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
+    change = Change(7, (0.008, 0.0))
+
+    def reasons(spoil):
+        estimator, check = Estimator(FEET.truth.points), InputCheck(FEET.truth.points)
+        for number, one in enumerate(FEET.observations):
+            spoilt = spoil(number, replace(one, push_id=number))
+            check.add(spoilt)
+            estimate = estimator.add(spoilt)
+        return check.verdict(estimate).reasons, check.verdict(estimate, change).reasons
+
+    (contradiction,), (told,) = reasons(inward(lambda number: number == 5))
+    assert contradiction.code == ReasonCode.CONTRADICTION
+    assert told.code == ReasonCode.OBJECT_CHANGED
+    assert "the object is another one since push 7" in told.text
+    (mistake,), (same,) = reasons(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega))))
+    assert mistake == same  # it may have brought about the change
+
+
+@pytest.mark.parametrize("pushes", [1, 2, 3])
+def test_too_few_pushes_tell_nothing_to_act_on(pushes):
+    (reason,) = judged(lambda _, o: o, pushes=pushes).reasons
+    assert reason.code == ReasonCode.FEW_PUSHES
+    assert reason.text.startswith(f"p_CF rests on {pushes} push")
+    assert judged(lambda _, o: o, pushes=5).use
+
+
+def test_supports_whose_hull_misses_the_center_of_friction_are_told():
+    x, y = FEET.truth.center_of_friction
+    width = np.ptp(FEET.truth.points, axis=0).max()
+    aside = np.array(((x + 0.2 * width, y - width), (x + 0.2 * width, y + width), (x + width, y), (x + 0.6 * width, y)))
+    verdict = judged(lambda _, o: replace(o, force=None), aside)
+    assert {ReasonCode.SUPPORT_TOO_SMALL, ReasonCode.POOR_FIT} & {one.code for one in verdict.reasons}
+
+
+TRIANGLE = three_feet()
+
+
+def aimed(change=lambda observation: observation, center=None):
+    """The estimator, and the verdict on pushes that pass p_CF of the triangle at 4 to 12 mm, with a given p_CF or none."""
+    outline, truth = TRIANGLE.outline, TRIANGLE.truth
+    estimator = Estimator(outline.grid(6, 6, 0.01), center_of_friction=center)
+    push_id = 0
+    for edge in range(3):
+        along = outline.edges[edge] / outline.lengths[edge]
+        middle = (truth.center_of_friction - outline.vertices[edge]) @ along - outline.lengths[edge] / 2
+        for offset in (-0.012, -0.008, -0.004, 0.004, 0.008, 0.012):
+            observation, _ = pushed_as_planned(truth, outline, PlannedPush(edge, float(middle) + offset), 0.3)
+            estimate = estimator.add(change(replace(observation, push_id=push_id)))
+            push_id += 1
+    return estimate, estimator.verdict(estimate)
+
+
+def test_half_planes_that_contradict_the_program_are_told():
+    """A p_CF 18 mm off is forced on the program: pushes that pass between it and the true one turn the object the other way."""
+    _, verdict = aimed(center=TRIANGLE.truth.center_of_friction + (0.0182, 0.0))
+    (reason,) = verdict.reasons
+    assert re.search(r"contradict the program: in 22 % of the data points, of 4 pushes", reason.text), reason
+    assert reason.code == ReasonCode.HALF_PLANES
+    assert "the centre of friction that was given must be wrong" in reason.text
+    assert not verdict.use
+    assert aimed(center=TRIANGLE.truth.center_of_friction)[1].use
+    assert aimed()[1].use

@@ -1,0 +1,117 @@
+"""What docs/files.md and docs/cell.md say is true: the keys of JSON, the example of recognize, the example of a cell."""
+
+import csv
+import pathlib
+import re
+
+import numpy as np
+import pytest
+import yaml
+from calls import figures
+from problems import observations_of
+
+from pushfric_core.cell.cell_file import load_cell
+from pushfric_core.files.object_file import load_object
+from pushfric_core.files.observation_file import REQUIRED
+from pushfric_core.files.plan_file import load_plan
+from pushfric_core.geometry.support import friction_directions
+from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.report.ledger import account
+from pushfric_core.report.report import truth
+from pushfric_core.trajectories.ledger import POSES, USED, Ledger
+from pushfric_ros.commands import cell_docs, doctor
+from pushfric_ros.commands.doctor import Check, Grade
+
+ROOT = pathlib.Path(__file__).parents[3]
+TEXT = (ROOT / "docs/files.md").read_text()
+
+NAME = "delrin_rect_right"
+"""An object that looks the same as others, so that it has hypotheses."""
+
+
+def documented(commands):
+    """The keys in the table of these commands."""
+    table = TEXT.split(f"\n{commands}:\n\n")[1].split("\n\n")[0]
+    return [key for cell in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE) for key in re.findall(r"`([^`]+)`", cell)]
+
+
+def keys_of(value, name=""):
+    """`a.b` for a key of an object in an object, `a[].b` for one of the objects in a list."""
+    if isinstance(value, dict):
+        return [key for own, item in value.items() for key in keys_of(item, f"{name}.{own}" if name else own)]
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return keys_of(value[0], f"{name}[]")
+    return [name]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Pushes with measured forces, so that every key appears."""
+    known = TABLE_1[NAME]
+    path = tmp_path_factory.mktemp("data") / "data.csv"
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow((*REQUIRED, "force_x", "force_y"))
+        for o in observations_of(known.outline, known.support, known.mu_c, 8, np.random.default_rng(3)):
+            friction = known.support.weights @ friction_directions(known.support.points, o.twist)
+            writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, *-friction))
+    return path
+
+
+def test_the_keys_of_an_estimate_are_documented(data):
+    options = ("--terms", "moment,force", "--slipping-push", 1, "--samples")
+    found = figures("estimate", data, "--object", NAME, *options)
+    # demo adds these
+    found |= {"truth": truth(NAME), "bag": "runs/demo"}
+    assert sorted(keys_of(found)) == sorted(documented("`estimate`, `replay` and `demo`"))
+
+
+def test_the_keys_of_a_ledger_are_documented():
+    ledger = Ledger()
+    ledger.event(0, "a clock jumped")
+    ledger.accounts[POSES].enter(USED)
+    keys = {key.split(".")[0] if key.startswith("accounts") else key for key in keys_of(account(ledger))}
+    assert keys == set(documented("`estimate --ledger`, under the key `ledger`, or `--ledger FILE.json`"))
+
+
+@pytest.mark.parametrize("command", ["recognize", "region"])
+def test_the_keys_of_other_commands_are_documented(data, command):
+    assert sorted(keys_of(figures(command, data, "--object", NAME))) == sorted(documented(f"`{command}`"))
+
+
+def test_the_keys_of_the_doctor_are_documented():
+    findings = doctor.findings([Check("port", Grade.OK, "/dev/ttyUSB0", "")])
+    assert sorted(keys_of(findings)) == sorted(documented("`doctor`"))
+
+
+EXAMPLE = ROOT / "docs/example_cell"
+
+
+def test_the_example_of_a_cell_is_valid(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)  # its files are relative to its own folder
+    cell = load_cell(EXAMPLE / "cell.yaml")
+    model = load_object(cell.object)
+    plan = load_plan(cell.plan.plan, model)
+    assert (cell.object, cell.plan.plan) == (str(EXAMPLE / "object.yaml"), str(EXAMPLE / "plan.yaml"))
+    assert (model.name, len(plan)) == ("box", 6)
+    assert cell.plan.distance < cell.pusher.stroke
+
+
+def test_the_example_of_a_cell_is_the_documented_one():
+    text = (EXAMPLE / "cell.yaml").read_text()
+    assert f"```yaml\n{text}```" in (ROOT / "docs/cell.md").read_text()
+
+
+def test_the_tables_of_keys_are_those_of_the_settings():
+    text = (ROOT / "docs/cell.md").read_text()
+    assert cell_docs.written(text) == text, f"stale; update it with: {cell_docs.COMMAND}"
+
+
+def test_the_tables_name_every_key_of_the_example_and_mark_the_required_ones():
+    (text,) = re.findall(f"{cell_docs.BEGIN}(.*){cell_docs.END}", (ROOT / "docs/cell.md").read_text(), re.DOTALL)
+    for name, section in yaml.safe_load((EXAMPLE / "cell.yaml").read_text()).items():
+        assert f"| `{name}` |" in text or f"### `{name}`" in text
+        assert all(f"| `{key}` |" in text for key in (section if isinstance(section, dict) else ()))
+    required = re.findall(r"^\| `(\w+)` \| [^|]* \| \*required\*", text, re.MULTILINE)
+    stage = ["line_origin", "line_direction", "tip_radius", "stroke", "max_speed"]
+    assert required == ["object", "calibration", *stage, "port", "tip_radius"]

@@ -1,0 +1,140 @@
+"""Whether contacts that are off are told: pushes of the object on four feet, four data points each, with a camera's noise."""
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import four_feet, observations_of, square
+
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.geometry.contact import tangent
+from pushfric_core.geometry.planar import Twist, velocity_at
+from pushfric_core.uncertainty import geometry_check
+from pushfric_core.uncertainty.geometry_check import ContactCheck
+from pushfric_core.uncertainty.reasons import ReasonCode
+
+FEET = four_feet()
+POINTS = square().grid(4, 4, 0.01)
+
+
+def pushes(seed, noise=0.005, count=16):
+    """The tip sticks and touches; each motion is seen four times, with errors of this share of the speed."""
+    rng = np.random.default_rng(seed)
+    data = []
+    for push in observations_of(square(), FEET.truth, 0.5, count, rng):
+        tip = velocity_at(push.twist, np.asarray(push.contact_point))
+        for _ in range(4):
+            errors = noise * np.hypot(*tip) * rng.normal(size=3)
+            twist = Twist(*(np.array(push.twist) + errors * (1, 1, 1 / 0.06)).tolist())
+            depth = 0.02 * noise * float(rng.normal())
+            data.append(replace(push, twist=twist, tip_velocity=tuple(tip.tolist()), depth=depth))
+    return data
+
+
+def along(distance):
+    """The contact is said to lie this far from where it is, along the edge."""
+
+    def change(one):
+        point = np.asarray(one.contact_point) + distance * tangent(np.asarray(one.contact_normal))
+        return replace(one, contact_point=tuple(point.tolist()))
+
+    return change
+
+
+def displaced(x, y):
+    return lambda one: replace(one, contact_point=(one.contact_point[0] + x, one.contact_point[1] + y))
+
+
+def deeper(depth, x=0.0, y=0.0):
+    return lambda one: replace(one, depth=one.depth + depth + float(np.dot(one.contact_normal, (x, y))))
+
+
+def found(data):
+    check = ContactCheck()
+    for one in data:
+        check.add(one)
+    return [one.reason for one in check.found()]
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("noise", [0.0, 0.005, 0.03])
+def test_nothing_is_said_of_good_pushes(seed, noise):
+    assert found(pushes(seed, noise)) == []
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("change", "code", "text"),
+    [
+        (along(0.003), ReasonCode.LINE_OFF_SIDEWAYS, r"contacts were (2\.[5-9]|3\.[0-5]) mm further to the left"),
+        (along(-0.003), ReasonCode.LINE_OFF_SIDEWAYS, r"contacts were (2\.[5-9]|3\.[0-5]) mm further to the right"),
+        (
+            displaced(0.004, 0.0),
+            ReasonCode.CONTACTS_DISPLACED,
+            r"were displaced by \(-(3\.[5-9]|4\.[0-5]), -?0\.\d\) mm",
+        ),
+        (deeper(0.002), ReasonCode.TIP_OFF_ACROSS, r"the tip seems to be (1\.9|2\.0) mm inside the outline"),
+        (deeper(-0.002), ReasonCode.TIP_OFF_ACROSS, r"the tip seems to be (1\.9|2\.0) mm away from the outline"),
+        (
+            deeper(0.0, 0.0, 0.002),
+            ReasonCode.OUTLINE_SHIFTED,
+            r"outline seems to be shifted by \(-?0\.0, (1\.8|1\.9|2\.0)\) mm",
+        ),
+    ],
+)
+def test_each_misplacement_is_told_with_its_size(seed, change, code, text):
+    (told,) = found([change(one) for one in pushes(seed, count=60)])
+    assert told.code == code
+    assert re.search(text, told.text), told
+
+
+def test_three_pushes_tell_nothing():
+    assert found([deeper(0.005)(one) for one in pushes(0, count=2)]) == []
+
+
+def test_a_single_bad_push_is_no_misplacement():
+    data = pushes(1)
+    bad = [along(0.03)(deeper(0.02)(one)) if one.push_id == 5 else one for one in data]
+    assert found(bad) == []
+
+
+def test_late_stamps_that_make_single_data_points_deep_are_no_misplacement():
+    rng = np.random.default_rng(0)
+    assert found([deeper(float(rng.exponential(0.002)))(one) for one in pushes(0)]) == []
+
+
+def test_data_points_of_impossible_size_are_left_out():
+    data = [replace(one, twist=Twist(0.0, 0.0, 1e99)) for one in pushes(0)]
+    assert found(data) == []
+
+
+def test_the_pushes_of_a_long_run_are_taken_together(monkeypatch):
+    whole = found([along(0.003)(one) for one in pushes(4, count=40)])
+    monkeypatch.setattr(geometry_check, "CLUSTERS", 16)
+    assert found([along(0.003)(one) for one in pushes(4, count=40)]) == whole
+
+
+def judged(data):
+    estimator = Estimator(POINTS, EstimatorConfig(screening=False))  # a push that contradicts the others stays
+    estimate = estimator.add(data)
+    return estimate, estimator.verdict(estimate)
+
+
+def test_an_estimate_may_be_used_where_it_knows_less_than_what_is_off():
+    _, good = judged(pushes(2))
+    assert (good.use, good.notes) == (True, ())
+    estimate, verdict = judged([deeper(0.003)(one) for one in pushes(2)])
+    assert verdict.use
+    assert "inside the outline" in verdict.notes[0].text
+    assert math.dist(estimate.center_of_friction, FEET.truth.center_of_friction) < estimate.confidence
+
+
+def test_where_pushes_contradict_each_other_a_misplacement_is_told_as_the_cause():
+    turned = [replace(one, twist=Twist(*(-np.array(one.twist)).tolist())) for one in pushes(2)[:4]]
+    _, verdict = judged(turned + pushes(2)[4:])
+    assert verdict.reasons[0].code == ReasonCode.CONTRADICTION
+    _, verdict = judged([deeper(0.003)(one) for one in turned + pushes(2)[4:]])
+    assert not verdict.use
+    assert [one.code for one in verdict.reasons] == [ReasonCode.TIP_OFF_ACROSS]

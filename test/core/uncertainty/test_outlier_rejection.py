@@ -1,0 +1,117 @@
+"""Which pushes are left out, and when a change of the object is reported: four data points of each push, with noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import observations_of, square
+
+from pushfric_core import Estimator, EstimatorConfig, Support, Twist
+from pushfric_core.geometry.planar import rotation, velocity_at
+from pushfric_core.uncertainty.reasons import ReasonCode
+
+POINTS = 0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))
+BEFORE, AFTER = (Support(POINTS, np.array(weights)) for weights in ((0.1, 0.2, 0.3, 0.4), (0.2, 0.1, 0.2, 0.5)))
+BAD = 7
+SCREENING = EstimatorConfig(screening=True)
+
+
+def pushes_of(support, count, rng, first=0, noise=0.01):
+    """Each motion is seen four times, with errors of this share of the speed; the tip sticks."""
+    data = []
+    for push in observations_of(square(), support, 0.5, count, rng):
+        tip = velocity_at(push.twist, np.asarray(push.contact_point))
+        for _ in range(4):
+            errors = noise * np.hypot(*tip) * rng.normal(size=3)
+            twist = Twist(*(np.array(push.twist) + errors * (1, 1, 1 / 0.06)).tolist())
+            data.append(replace(push, twist=twist, push_id=first + push.push_id, tip_velocity=tuple(tip.tolist())))
+    return data
+
+
+def taken(data, config=SCREENING):
+    estimator = Estimator(square().grid(4, 4, 0.01), config)
+    estimate = estimator.add(data)
+    return estimator, estimate
+
+
+def spoilt(data, change):
+    return [change(one) if one.push_id == BAD else one for one in data]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_good_pushes_change_nothing(seed):
+    data = pushes_of(BEFORE, 14, np.random.default_rng(seed))
+    estimator, estimate = taken(data)
+    plain = Estimator(square().grid(4, 4, 0.01))
+    expected = plain.add(data)
+    assert estimator.rejected == ()
+    assert estimator.verdict(estimate).change is None
+    assert estimate.w == pytest.approx(expected.w, abs=1e-9)
+    assert estimate.data_points == len(data)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda one: replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())), "at another speed than the tip"),
+        (
+            lambda one: replace(
+                one, twist=Twist(*(rotation(0.9) @ one.twist[:2]).tolist(), -2 * one.twist.omega), tip_velocity=None
+            ),
+            "contradicts the other pushes",
+        ),
+    ],
+)
+def test_a_bad_push_is_left_out_and_can_be_kept(change, reason):
+    data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), change)
+    estimator, estimate = taken(data)
+    ((push_id, why),) = estimator.rejected
+    assert push_id == BAD
+    assert reason in str(why)
+    without, _ = taken([one for one in data if one.push_id != BAD])
+    assert estimate.data_points == len(data) - 4
+    assert estimate.center_of_friction == pytest.approx(without.estimate().center_of_friction, abs=1e-9)
+    assert estimator.verdict(estimate).use
+    assert estimator.keep(BAD).data_points == len(data)
+    assert estimator.rejected == ()
+
+
+def all_numbers(estimator):
+    """All that an estimate says, to the last bit."""
+    estimate = estimator.estimate()
+    return estimate.solution, estimate.spread, estimate.contact_forces, estimate.stamp, estimator.verdict(estimate)
+
+
+def test_a_push_that_is_excluded_or_kept_on_the_way_leaves_the_bits_as_from_the_start():
+    data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), lambda one: replace(one, twist=Twist(1e-3, 0.0, 0.0)))
+    live, from_the_start = (Estimator(square().grid(4, 4, 0.01), SCREENING) for _ in range(2))
+    from_the_start.keep(BAD)
+    for observation in data[:40]:
+        live.verdict(live.add(observation))
+    assert live.rejected
+    live.exclude(3)
+    live.keep(BAD)
+    for observation in data[40:]:
+        live.verdict(live.add(observation))
+    for observation in data:
+        if observation.push_id != 3:
+            from_the_start.add(observation)
+    assert all_numbers(live) == all_numbers(from_the_start)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_moved_load_is_found_within_three_pushes(seed):
+    rng = np.random.default_rng(10 + seed)
+    data = pushes_of(BEFORE, 12, rng) + pushes_of(AFTER, 3, rng, first=12)
+    estimator = Estimator(square().grid(4, 4, 0.01), SCREENING)
+    for observation in data:
+        verdict = estimator.verdict(estimator.add(observation))
+        assert verdict.change is None or observation.push_id >= 12
+    assert abs(verdict.change.since - 12) <= 1
+    assert ReasonCode.OBJECT_CHANGED in {one.code for one in verdict.reasons}
+    assert not verdict.use
+    unasked, estimate = taken(data)
+    assert unasked.verdict(estimate).change == verdict.change  # however often somebody asked on the way
+    x, y = verdict.change.shift  # by (-16, 0) mm, which three pushes tell only roughly
+    assert -0.025 < x < -0.004
+    assert abs(y) < 0.013

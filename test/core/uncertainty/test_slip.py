@@ -1,0 +1,89 @@
+"""mu_c from pushes whose tip is seen to slide, and from measured forces."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from problems import four_feet
+
+from pushfric_core import Estimator, Observation, Touch, pushed_motion
+from pushfric_core.geometry.contact import tangent
+from pushfric_core.uncertainty.contact_friction import Kind, Slip
+
+MU = 0.4
+FEET = four_feet()
+
+
+def pushes(angle, with_force=False, with_tip=True):
+    """Perpendicular pushes of each edge turned by `angle` to either side: beyond the cone, they slide."""
+    data = []
+    for edge, (start, along) in enumerate(zip(FEET.outline.vertices, FEET.outline.edges, strict=True)):
+        for number, share in enumerate((0.3, 0.5, 0.7)):
+            normal = FEET.outline.normals[edge]
+            turn = angle * (1 if number % 2 else -1)
+            tip = -math.cos(turn) * normal + math.sin(turn) * tangent(normal)
+            contact = start + share * along
+            motion = pushed_motion(FEET.truth, Touch(0.0, contact, normal, edge), tip, MU)
+            data.append(
+                Observation(
+                    tuple(contact.tolist()),
+                    tuple(normal.tolist()),
+                    motion.twist,
+                    push_id=len(data),
+                    force=tuple((9 * motion.force).tolist()) if with_force else None,
+                    tip_velocity=tuple(tip.tolist()) if with_tip else None,
+                )
+            )
+    return data
+
+
+def last(data):
+    return Estimator(FEET.truth.points).add(data)
+
+
+def test_sliding_pushes_give_mu_c_itself():
+    mu_c = last(pushes(math.radians(60))).mu_c
+    assert mu_c.kind is Kind.SLIP
+    assert mu_c.value == pytest.approx(MU, rel=0.02)
+    assert mu_c.low <= MU <= mu_c.high
+
+
+def test_forces_of_sliding_pushes_give_it_directly():
+    mu_c = last(pushes(math.radians(60), with_force=True)).mu_c
+    assert mu_c.kind is Kind.FORCE
+    assert mu_c.value == pytest.approx(MU, rel=1e-2)
+
+
+@pytest.mark.parametrize("data", [pushes(0.0), pushes(math.radians(60), with_tip=False)], ids=["sticking", "unseen"])
+def test_without_a_slip_it_is_only_bounded(data):
+    mu_c = last(data).mu_c
+    assert (mu_c.value, mu_c.high, mu_c.kind) == (None, math.inf, Kind.BOUND)
+    assert mu_c.low < 1.1 * MU
+
+
+def test_the_direction_of_the_slip_is_told_from_the_tip():
+    estimate = last(pushes(math.radians(60)))
+    assert {-1.0, 1.0} <= set(estimate.tip.directions)
+    unknown = last(pushes(math.radians(60), with_tip=False))
+    assert np.isnan(unknown.tip.directions).all()
+    # errors across the edge, where the tip cannot move, raise the tolerance
+    wrong = [replace(o, tip_velocity=tuple((1.4 * np.array(o.tip_velocity)).tolist())) for o in pushes(math.radians(60))]
+    assert last(wrong).tip.tolerance > estimate.tip.tolerance
+
+
+def test_a_push_slides_from_where_its_tip_begins_to():
+    estimate = last(pushes(math.radians(60)))
+    slip = np.array((0.0, 0.1, -0.1, 0.0, 0.4, 0.5, 0.45, 0.0, 0.3))
+    mismatch = np.array((0.05, -0.05, 0.05, -0.05, 0.05, -0.05, 0.05, 0.05, 0.05))
+    tip = replace(estimate.tip, slip=slip, mismatch=mismatch, sensed=np.full(9, np.nan), push=np.repeat((4.0, 5.0), (7, 2)))
+    assert tip.directions.tolist() == [0, 0, 0, 0, 1, 1, 1, 0, 1]
+    # the same, with the data points of the two pushes in another order
+    order = np.array((7, 0, 1, 2, 8, 3, 4, 5, 6))
+    mixed = replace(tip, slip=slip[order], mismatch=mismatch[order], push=tip.push[order])
+    assert mixed.directions.tolist() == tip.directions[order].tolist()
+    # more than errors usually are, and less than they can be
+    unsure = replace(tip, slip=np.array((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.3, 0.0)), mismatch=1.5 * mismatch)
+    assert np.isnan(unsure.directions[7:]).all()
+    assert [list(Slip)[index] for index in unsure.slips] == [Slip.STICKING] * 7 + [Slip.UNKNOWN] * 2
+    assert [list(Slip)[index] for index in replace(tip, slip=-slip).slips[4:7]] == [Slip.RIGHT] * 3
