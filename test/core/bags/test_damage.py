@@ -373,11 +373,6 @@ def test_parts_that_do_not_add_up_are_named_and_refused(tmp_path):
     def numbered_twice(folder):
         (folder / "bag_2.mcap").rename(folder / "bag_01.mcap")
 
-    def swapped(folder):
-        (folder / "bag_2.mcap").rename(folder / "bag_3.mcap")
-        (folder / "bag_1.mcap").rename(folder / "bag_2.mcap")
-        (folder / "bag_3.mcap").rename(folder / "bag_1.mcap")
-
     cases = [
         (without_1, True, ["lists bag_1.mcap, which is not there", "messages are missing: "]),
         (without_1, False, ["not those of one bag, with the numbers 0 to 1: bag_0.mcap, bag_2.mcap"]),
@@ -385,7 +380,6 @@ def test_parts_that_do_not_add_up_are_named_and_refused(tmp_path):
         (doubled, True, ["does not list again.mcap, which lies in the folder and is not read"]),
         (doubled, False, ["not those of one bag, with the numbers 0 to 3: bag_0.mcap"]),
         (numbered_twice, False, ["not those of one bag, with the numbers 0 to 2: bag_0.mcap, bag_01.mcap, bag_1.mcap"]),
-        (swapped, False, [r"bag_2.mcap begins \d+\.\d+ s before bag_1.mcap ends"]),
     ]
     for number, (damage, metadata, expected) in enumerate(cases):
         folder = split(tmp_path / str(number), metadata)
