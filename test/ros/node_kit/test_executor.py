@@ -156,3 +156,19 @@ def test_what_a_callback_raises_comes_out(spun):
         with pytest.raises(RuntimeError, match="it failed"):
             spun.until(lambda: False, "it fails")
         spun.node.destroy_timer(timer)
+
+
+def test_a_client_that_cannot_be_answered_ends_no_node(ros, spun, monkeypatch):
+    service = spun.node.create_service(Trigger, "asked", lambda _, response: response)
+    client, answer = ros.node("peer").create_client(Trigger, "asked"), service.send_response
+
+    def unknown(*_):
+        monkeypatch.setattr(service, "send_response", answer)
+        raise rclpy_implementation.RCLError("failed to send response (timeout): client will not receive response")
+
+    monkeypatch.setattr(service, "send_response", unknown)
+    spun.until(client.service_is_ready, "they find each other")
+    client.call_async(Trigger.Request())
+    spun.until(lambda: service.send_response == answer, "the call")
+    again = client.call_async(Trigger.Request())
+    spun.until(again.done, "the answer to another call")

@@ -16,12 +16,16 @@ from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.task import Task
 
 EVENTS_PERIOD = 0.1
 """Every publisher and subscription has an event for incompatible qualities of service, which rclpy logs. To wait for all of
 these takes as long as to wait for everything else, so they are looked at only this often [s]."""
+
+UNANSWERED = "failed to send response"
+"""The middleware says this if it does not learn within a tenth of a second how to reach a client."""
 
 Entity = Any
 """Anything that can be ready: a timer, a subscription, a guard condition, a client, a service or another waitable of rclpy."""
@@ -58,6 +62,20 @@ class NodeExecutor(SingleThreadedExecutor):
             call = take(entity)
             if call is not None:
                 self._call(call())
+
+    def _take_service(self, service: Entity) -> Any:
+        """As rclpy; but a client that cannot be answered, because it is gone or not known yet, ends no node."""
+        answer = super()._take_service(service)
+
+        async def answered() -> None:
+            try:
+                await answer()
+            except rclpy_implementation.RCLError as error:
+                if UNANSWERED not in str(error):
+                    raise
+                get_logger("rclpy").warning(f"{service.service_name}: {error}")
+
+        return answer and answered
 
     def _take_due_timer(self, timer: Entity) -> Any:
         return self._take_timer(timer) if timer.handle.is_timer_ready() else None  # another callback may have cancelled it
