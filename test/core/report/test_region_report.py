@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pushfric_core import TABLE_1, HalfPlanes, next_pushes, slip_pushes
-from pushfric_core.report.region import region_report
+from pushfric_core.commands.region import region_report
 
 NAME = "wood_rect3"
 KNOWN = TABLE_1[NAME]

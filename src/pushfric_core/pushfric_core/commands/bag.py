@@ -2,7 +2,7 @@
 
 import pathlib
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -14,7 +14,6 @@ from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console, say, warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.errors import InvalidInput
-from pushfric_core.report.condition import condition
 from pushfric_core.report.report import to_json
 from pushfric_core.wording import counted
 
@@ -56,12 +55,27 @@ def verify(
     """
     checked = Bag(bag)
     doubts = _doubts(checked) if checked.damage is None else []
-    write_json(to_json(condition(checked) | {"doubts": doubts}), json)
+    write_json(to_json(_condition(checked) | {"doubts": doubts}), json)
     if json != STDOUT:
         _print(checked, Console(highlight=False, soft_wrap=True))
     _warn_of(bag, doubts)
     if checked.damage is not None or doubts:
         sys.exit(1)
+
+
+def _condition(bag: Bag) -> dict[str, Any]:
+    """The condition of a bag, as JSON: whether it is whole, and what is missing."""
+    damage = bag.damage
+    gaps = [] if damage is None else damage.gaps
+    return {
+        "whole": damage is None,
+        "messages": bag.summary.message_count,
+        "topics": {topic.name: topic.message_count for topic in bag.summary.topics},
+        "missing": {} if damage is None else damage.missing,
+        "gaps": [{"file": file.name, **gap._asdict()} for file, gap in gaps],
+        "contradictions": [] if damage is None else list(damage.contradictions),
+        "notes": list(bag.notes),
+    }
 
 
 def _doubts(bag: Bag) -> list[str]:

@@ -2,7 +2,7 @@
 
 import math
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -15,14 +15,17 @@ from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option_as_recorded
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.push_choice import next_pushes, planned_pushes, slip_pushes
-from pushfric_core.estimation.region import RegionConfig
+from pushfric_core.estimation.batch import Warn, taken
+from pushfric_core.estimation.push_choice import RankedPush, next_pushes, planned_pushes, slip_pushes
+from pushfric_core.estimation.push_plan import PlannedPush
+from pushfric_core.estimation.region import HalfPlanes, Region, RegionConfig, line_of_motion
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.plan_file import save_plan
+from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.offline.inputs import object_of
-from pushfric_core.report.region import narrowed, region_report
+from pushfric_core.trajectories.observation import Observation
 from pushfric_core.wording import counted, data_of
 
 SLIPS = 3
@@ -76,6 +79,34 @@ def region(
     if plan is not None:
         area = f"{planned[-1].expected_area * 1e4:.3g} cm^2"
         say(f"plan: {plan}, {counted(len(planned), 'push', 'pushes')}; expected to leave {area}")
+
+
+def narrowed(outline: Outline, data: Iterable[Observation], margin: float, warn: Warn) -> HalfPlanes:
+    """The half-planes in which the data points leave p_CF, from their lines of motion, as in a live estimator.
+
+    Args:
+        outline: of the object.
+        data: the data points.
+        margin: by how much the half-planes are widened, as for `HalfPlanes` [m].
+        warn: called with a line of text for each data point left out.
+    """
+    half_planes = HalfPlanes(outline, margin)
+    for _ in taken(lambda observation: half_planes.add(line_of_motion(observation)), data, warn):
+        pass
+    return half_planes
+
+
+def region_report(region: Region, next_pushes: Sequence[RankedPush], slip_pushes: Sequence[PlannedPush]) -> dict[str, Any]:
+    """A region and the next pushes as the command line's JSON names them; SI units, object frame."""
+    return {
+        "area": region.area,
+        "polygon": region.corners.tolist(),
+        "collapsed": region.collapsed,
+        "center_of_friction": region.center.tolist(),
+        "violation": region.violation,
+        "next_pushes": [{**push._asdict(), "expected_area": area} for push, area in next_pushes],
+        "slip_pushes": [push._asdict() for push in slip_pushes],
+    }
 
 
 def _lines(figures: dict[str, Any]) -> Iterator[str]:

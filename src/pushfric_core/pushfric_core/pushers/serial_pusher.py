@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pushfric_core.pushers.clock import Wakefulness, clock
 from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, STOPPING, Action, Event, Phase, Role, Status, Trust
-from pushfric_core.pushers.identity import identity_of
 from pushfric_core.pushers.push_states import Homing
 from pushfric_core.pushers.pusher import (
     POLL_PERIOD,
@@ -42,7 +41,7 @@ from pushfric_core.pushers.pusher import (
     Timeout,
     TooFast,
 )
-from pushfric_core.pushers.serial_port import open_port, write_all
+from pushfric_core.pushers.serial_port import identity_of, open_port, write_all
 from pushfric_core.pushers.serial_settings import AXES, SerialSettings, check_axis
 from pushfric_core.pushers.state_table import step
 from pushfric_core.pushers.stroke import Plausibility, Stroke

@@ -1,8 +1,13 @@
 """Runs a graph and shows the operator the last estimate of every push, and how far the plan has come."""
 
 import contextlib
+import os
 import pathlib
+import select
+import sys
+import termios
 import time
+import tty
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -19,7 +24,6 @@ from pushfric_core.commands.interrupt import end_at_once
 from pushfric_core.estimation.push_plan import index_of
 from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.commands.keys import Keys
 from pushfric_ros.commands.recorded_run import disagreements, pushes_of
 from pushfric_ros.graph.graph import COMMAND_LINE, VIEW, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import Ended, Supervisor
@@ -305,3 +309,39 @@ class _Quiet:
 
     def update(self, _: Any) -> None:
         pass
+
+
+class Keys(contextlib.AbstractContextManager["Keys"]):
+    """Reads keys as they are pressed, if the process is in the foreground of a terminal; the terminal then shows none of them.
+
+    Attributes:
+        work: whether there is a terminal to press keys in.
+    """
+
+    def __init__(self) -> None:
+        self.work = sys.stdin is not None and sys.stdin.isatty() and _in_foreground()
+
+    def __enter__(self) -> "Keys":
+        if self.work:
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.work:
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+
+    def pressed(self) -> str:
+        """The keys pressed since the last call; Ctrl-C is not among them."""
+        if not self.work or not select.select([sys.stdin], [], [], 0)[0]:
+            return ""
+        keys = os.read(sys.stdin.fileno(), 64).decode(errors="replace")
+        self.work = bool(keys)  # the terminal has gone
+        return keys
+
+
+def _in_foreground() -> bool:
+    try:
+        return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except OSError:  # this terminal does not control the process, and so has no background
+        return True

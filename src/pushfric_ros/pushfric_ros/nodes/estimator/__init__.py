@@ -50,8 +50,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
-from pushfric_ros.nodes.estimator.model_publication import ModelPublication
-from pushfric_ros.nodes.estimator.publications import Publications
+from pushfric_ros.nodes.estimator.publications import ModelPublication, Publications
 
 if TYPE_CHECKING:
     from pushfric_core.bags.resumption import Resumption
