@@ -36,12 +36,10 @@ from bench import (
 )
 from bench.data_points import GRIDS
 from bench.display import plain_tables, verdict_table
+from bench.program import start
 from bench.verdict import Verdict, verdicts, with_best_of_highs
 from pushfric_core.commands.application import Application, Command
-from pushfric_core.commands.cli import main
-from pushfric_core.commands.interrupt import undoing
 from pushfric_core.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
-from pushfric_core.commands.program import run
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
 QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100, 1000), (24,), 40, 1.0, 1000
@@ -280,4 +278,4 @@ def _run(sections: Sequence[Section], json: str | None) -> int:
 
 
 if __name__ == "__main__":
-    run(undoing(partial(main, app, "./pushfric bench")))
+    start(app, "./pushfric bench")

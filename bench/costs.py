@@ -13,10 +13,8 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from bench import footprint, pipeline
-from pushfric_core import load
-from pushfric_core.estimation.estimate import Estimate
+from pushfric_core import Estimate, Estimator, EstimatorConfig, load
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.whole_file import write_whole

@@ -16,9 +16,8 @@ from rclpy.serialization import serialize_message
 
 from bench.data_points import observations, support_points
 from bench.processes import memory
+from pushfric_core import Estimator, Observation
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
-from pushfric_core.estimation.estimator import Estimator
-from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.spread import is_due
 from pushfric_ros.messages.conversions import estimate_to_msg
 

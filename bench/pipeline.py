@@ -32,8 +32,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image
 
 from bench.processes import cpu_of_ended_children
+from pushfric_core import TrajectoryConfig
 from pushfric_core.bags.samples import stamp_from_msg
-from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, PusherState
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph

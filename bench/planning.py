@@ -8,18 +8,11 @@ import numpy as np
 
 from bench.paper import pushes
 from bench.verdict import Verdict
-from pushfric_core.errors import PushfricError
-from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core import TABLE_1, Estimate, EstimatorConfig, PushfricError, PushingLine, Support, Touch, predict_strokes
 from pushfric_core.estimation.push_plan import PlannedPush, placement
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.outline import Touch
 from pushfric_core.geometry.planar import Array, Pose, rotation, wrap
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict
 from pushfric_core.mechanics.simulation import PushedObject, pushed_motion
-from pushfric_core.mechanics.strokes import predict_strokes
 
 SEEDS, STROKES = 3, 12
 """For each object: how often its friction is estimated, and the number of strokes that are predicted from each estimate."""

@@ -11,16 +11,12 @@ from scipy.optimize import minimize
 
 from bench.display import pivot_table, plain_tables
 from bench.paper.pushes import estimated
+from bench.public import stablepush, zhou2015
 from bench.real_pushes import GRIDS, OUTLINE, TRUE, TRUTH, support_points
-from pushfric_core.datasets import stablepush, zhou2015
-from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core import Ellipsoid, EstimatorConfig, NamedEllipsoid, Observation, Support, named_ellipsoid
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, cross, left_of
-from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.limit_surface import Ellipsoid
 from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict, stability
-from pushfric_core.mechanics.surface_models import NamedEllipsoid, named_ellipsoid
-from pushfric_core.trajectories.observation import Observation
 
 RADIUS = 0.05
 """Arm at which a rotation counts as much as a translation [m]: about the radius of gyration of the triangle."""

@@ -17,25 +17,20 @@ from shapely.geometry import Point
 from bench.paper.pushes import estimated
 from bench.paper.tables import markdown
 from bench.prediction import Pushes, ellipsoid_motions
-from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, Twist, predict_strokes
+from bench.public import zhou2015
+from bench.public.mitpush import POLY4
+from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
+from pushfric_core import Estimate, EstimatorConfig, InvalidInput, Observation, PushingLine, Support, named_ellipsoid
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.datasets import zhou2015
-from pushfric_core.datasets.mitpush import POLY4
-from pushfric_core.datasets.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.estimation.picture import draw_support_friction
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.files.whole_file import write_whole
-from pushfric_core.geometry.outline import Touch
-from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, compose, exp, inverse, rotation, transform
-from pushfric_core.mechanics.prediction import friction_model
+from pushfric_core.geometry.outline import Outline, Touch
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Pose, Twist, compose, exp, inverse, rotation, transform
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model
 from pushfric_core.mechanics.simulation import TOUCHING
-from pushfric_core.mechanics.strokes import STEP
-from pushfric_core.mechanics.surface_models import named_ellipsoid
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core.mechanics.strokes import STEP, predict_strokes
 from pushfric_core.uncertainty.spread import ELLIPSE
 
 FEW, DRAWS = 10, 6

@@ -26,12 +26,10 @@ from bench import pipeline, planning
 from bench.paper import pushes
 from bench.processes import running
 from bench.verdict import Verdict
+from pushfric_core import TABLE_1, TrajectoryConfig, friction_model
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.estimation.verdict import Verdict as EstimateVerdict
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.prediction import friction_model
-from pushfric_core.trajectories.trajectory import TrajectoryConfig
 from pushfric_msgs.msg import FrictionEstimate, FrictionModel, Heartbeat, PusherState
 from pushfric_msgs.srv import PredictPush
 from pushfric_ros.graph import graph

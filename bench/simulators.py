@@ -12,17 +12,15 @@ import mujoco
 import numpy as np
 
 from bench.paper.pushes import estimated
+from bench.public.strokes import STROKES as STROKE_FILE
+from bench.public.strokes import USUAL_RADIUS, read_strokes
 from bench.public_pushes import Line, line_of
 from bench.verdict import Verdict
-from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, export, predict_strokes
-from pushfric_core.datasets.strokes import STROKES as STROKE_FILE
-from pushfric_core.datasets.strokes import USUAL_RADIUS, read_strokes
-from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core import TABLE_1, EstimatorConfig, Outline, PushingLine, Support, export, predict_strokes
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import read_observations
-from pushfric_core.geometry.planar import Array
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.prediction import friction_model
+from pushfric_core.geometry.planar import Array, Pose
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model
 
 SPEED = 0.01
 """Of the tip [m/s]: slow enough to be quasi-static."""

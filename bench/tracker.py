@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from pushfric_core.geometry.planar import Pose
+from pushfric_core import Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.contour_tracker import ContourTracker

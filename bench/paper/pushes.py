@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core import TABLE_1, Estimate, Estimator, EstimatorConfig, Observation, Outline, PushfricError, PushingLine
-from pushfric_core.datasets.zhou2015 import CORNERS, GRID
+from bench.public.zhou2015 import CORNERS, GRID
+from pushfric_core import Estimate, Observation, Outline, PushedObject, PushfricError, PushingLine, Support
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, even_pushes, placement
 from pushfric_core.geometry.planar import Array, Pose, wrap
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import FEET, FLAT, PoseNoise
-from pushfric_core.mechanics.simulation import PushedObject
+from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1, PoseNoise
 from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory
 
 LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)

@@ -18,8 +18,8 @@ from rich.progress import track
 from bench.paper import choice, spoilt
 from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1, shapes
 from bench.paper.tables import table_of
+from bench.public.zhou2015 import CORNERS, GRID, read_push_points
 from pushfric_core import TABLE_1, Estimate, EstimatorConfig, Observation, Outline
-from pushfric_core.datasets.zhou2015 import CORNERS, GRID, read_push_points
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
 from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.geometry.contact import tangent

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import pytest
 
 import pushfric_core
+from bench.public.zhou2015 import write_bag
 from pushfric_core import Observation, Twist
 from pushfric_core.commands import cli
-from pushfric_core.datasets.zhou2015 import write_bag
 from pushfric_core.vision.camera import Camera, save_camera
 
 COMMANDS = cli.catalog()
@@ -128,8 +128,6 @@ def call(monkeypatch, capsys):
             "no camera at '99': expected a camera's index (0 is",
         ),
         (["calibrate", "lens", "98", "--out", "camera.yaml"], "; or topic or compressed, for a camera whose driver is a node"),
-        (["import", "zhou2016", "data.csv", "--out", "bag"], "unknown data set 'zhou2016'; expected zhou2015"),
-        (["import", "zhou2015", "none.csv", "--out", "bag"], "none.csv: no such file"),
         (["run", "none.yaml"], "none.yaml: cannot be read"),
         (["doctor", "none.yaml"], "none.yaml: cannot be read"),
         (["doctor", "no_outline.yaml", "--json"], "no_outline.yaml: "),
