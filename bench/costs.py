@@ -13,13 +13,13 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from bench import footprint, pipeline
+from docs.markdown import replaced, table
 from pushfric_core import Estimate, Estimator, EstimatorConfig, load
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.whole_file import write_whole
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.commands.markdown import replaced, table
 from pushfric_ros.messages.conversions import estimate_to_msg
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]

@@ -15,11 +15,11 @@ from rich.table import Table
 from shapely.geometry import Point
 
 from bench.paper.pushes import estimated
-from bench.paper.tables import markdown
 from bench.prediction import Pushes, ellipsoid_motions
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
 from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
+from docs.markdown import table
 from pushfric_core import Estimate, EstimatorConfig, InvalidInput, Observation, PushingLine, Support, named_ellipsoid
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.estimation.picture import draw_support_friction
@@ -114,7 +114,7 @@ class PublicPushes:
             rows.append(_measured(one, estimates[-1], np.random.default_rng(number)))
         plot(rows, self._plot)
         gallery(self._sets, estimates, self._plot.with_stem(f"{self._plot.stem}_gallery"))
-        write_whole(self._plot.with_suffix(".md"), "\n".join((*markdown(*_cells(rows)), "")))
+        write_whole(self._plot.with_suffix(".md"), table(*_cells(rows)))
         return {"sets": rows}
 
     def tables(self, figures: Figures) -> Iterator[Table]:

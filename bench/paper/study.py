@@ -106,8 +106,8 @@ def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int,
         "real_mu_c": {f"{log}/{terms}": _real_mu_c(data, terms) for log, data in logs.items() for terms in ("moment", "force")},
     }
     write_whole(out / "study.json", to_json(summary) + "\n")
-    lines = [line for part in PARTS if summary[part] for line in ("", f"## {part}", "", *table_of(summary[part]))]
-    write_whole(out / "study.md", "\n".join((f"# Study of {seeds} seeds", *lines, "")))
+    parts = (f"\n## {part}\n\n{table_of(summary[part])}" for part in PARTS if summary[part])
+    write_whole(out / "study.md", "".join((f"# Study of {seeds} seeds\n", *parts)))
     return summary
 
 
