@@ -254,7 +254,7 @@ def _measured(one: PublicSet, whole: Estimate, rng: np.random.Generator) -> Figu
         "zhou_ellipsoid": _stored([one.strokes[row].predicted for row in rows]),
         "zhou_quartic": _stored([one.quartic[row] for row in rows]),
     }
-    figures["errors"] = {name: _errors(found, truth, model.length) for name, found in ends.items()}
+    figures["errors"] = {name: mean_errors(found, truth, model.length) if found else None for name, found in ends.items()}
     return figures
 
 
@@ -306,10 +306,8 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
     return np.array(ends)
 
 
-def _errors(found: Sequence[Array], truth: Array, arm: float) -> Figures | None:
-    """Means over strokes, of each of some predictions (k, 3) [m, rad]; an angle counts with an arm [m]. None without any."""
-    if not found:
-        return None
+def mean_errors(found: Sequence[Array], truth: Array, arm: float) -> Figures:
+    """Means over strokes, of each of some predictions (k, 3) [m, rad]; an angle counts with an arm [m]."""
     apart = np.concatenate([one - truth for one in found])
     places = np.hypot(apart[:, 0], apart[:, 1])
     turns = np.abs((apart[:, 2] + np.pi) % (2 * np.pi) - np.pi)
