@@ -132,7 +132,7 @@ def bench(
         typer.Option(
             "--costs",
             help="Measure only where the milliseconds and the megabytes go, and write the tables of docs/graph.md and"
-            " docs/estimator.md: 2 minutes.",
+            " docs/estimation.md: 2 minutes.",
         ),
     ] = False,
     view_only: Annotated[

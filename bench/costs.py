@@ -1,4 +1,4 @@
-"""Where the milliseconds and the megabytes go: it measures them and writes the tables of docs/graph.md and docs/estimator.md.
+"""Where the milliseconds and the megabytes go: it measures them and writes the tables of docs/graph.md and docs/estimation.md.
 
 What is said of an estimate is measured by leaving it out: estimators with more and more of it take the same observations in
 turn, so that a disturbance affects all alike.
@@ -67,7 +67,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
         },
         "memory_mib": {**memory, "together": together, "a bare rclpy node": demo["bare_memory_mib"]},
     }
-    _write(ROOT / "docs/estimator.md", "observation", ("for one observation", "ms of CPU"), figures["observation_ms"], ".2f")
+    _write(ROOT / "docs/estimation.md", "observation", ("for one observation", "ms of CPU"), figures["observation_ms"], ".2f")
     _write(ROOT / "docs/graph.md", "latency", ("from the image to the estimate", "ms"), figures["latency_ms"], ".1f")
     _write(ROOT / "docs/graph.md", "memory", ("process", "MiB"), figures["memory_mib"], ".0f")
     return figures

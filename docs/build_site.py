@@ -56,8 +56,8 @@ def setup(app):
 
 PARTS = {
     "Learn": ("tutorial", "install", "bag_to_prediction", "data_to_verdict", "glossary"),
-    "Operate": ("hardware", "cell", "safety", "security", "view", "graph", "interfaces", "reliability"),
-    "Research": ("estimation", "derivation", "pushes", "public_data", "estimator", "paper", "files", "many"),
+    "Operate": ("hardware", "calibrate", "cell", "safety", "security", "view", "graph", "interfaces", "reliability"),
+    "Research": ("estimation", "derivation", "pushes", "public_data", "paper", "files", "many"),
     "Plan": ("planning", "limit_surface", "conventions"),
     "Reference": ("commands", "python"),
     "Project": ("architecture", "contributing"),
