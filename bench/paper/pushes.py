@@ -34,12 +34,9 @@ class Conduct(NamedTuple):
 CONDUCT = {
     # an object pushed nearer to its corners turns about one of its feet, and the data say nothing about that foot's force
     "delrin_square3": Conduct(closer=0.8),
-    "wood_rect3": Conduct(closer=0.88),
-    "wood_rect4": Conduct(closer=0.88),
-    "rubber_rect4": Conduct(closer=0.88),
+    **dict.fromkeys(("wood_rect3", "wood_rect4", "rubber_rect4"), Conduct(closer=0.88)),
     # "tended to rotate quickly, resulting in fewer useful observations" (section 5)
-    "delrin_rect_center": Conduct(longest_turn=math.radians(25)),
-    "delrin_rect_right": Conduct(longest_turn=math.radians(25)),
+    **dict.fromkeys(("delrin_rect_center", "delrin_rect_right"), Conduct(longest_turn=math.radians(25))),
 }
 
 VISION_ERROR = (0.008, -0.002)
