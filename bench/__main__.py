@@ -20,28 +20,21 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started 
 from bench import (
     costs,
     footprint,
-    growth,
-    pipeline,
     planning,
     prediction,
     public_pushes,
     real_pushes,
-    recording,
     services,
     simulators,
     soak,
-    tracker,
     updates,
     view_cost,
 )
 from bench.data_points import GRIDS
-from bench.display import plain_tables, verdict_table
-from bench.verdict import Verdict, verdicts, with_best_of_highs
+from bench.display import Verdict, plain_tables, verdict_table
+from bench.program import start
 from pushfric_core.commands.application import Application, Command
-from pushfric_core.commands.cli import main
-from pushfric_core.commands.interrupt import undoing
 from pushfric_core.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
-from pushfric_core.commands.program import run
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
 QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100, 1000), (24,), 40, 1.0, 1000
@@ -49,8 +42,6 @@ QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100
 DEFAULT_PLOT = pathlib.Path("runs/bench.png")
 
 LIBRARIES = ("numpy", "scipy", "osqp", "highspy", "cvxpy", "clarabel")
-
-HIGHS_WARM = "highs_warm: HiGHS kept warm, the better of its primal and dual form."
 
 COLUMNS = (TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
 
@@ -70,14 +61,13 @@ class Section(NamedTuple):
     @classmethod
     def of(cls, name: str, module: Any, *arguments: Any) -> "Section":
         """The section of a module: its STEPS and measure, and what it has of tables, verdicts and failures."""
-        section = cls(name, module.STEPS, partial(module.measure, *arguments), partial(plain_tables, name))
+        section = cls(name, getattr(module, "STEPS", None), partial(module.measure, *arguments), partial(plain_tables, name))
         return section._replace(**{key: getattr(module, key) for key in cls._fields[3:] if hasattr(module, key)})
 
 
 ALONE = {
     "costs": [Section.of("costs", costs)],
     "footprint": [Section.of("footprint", footprint)],
-    "growth": [Section.of("growth", growth)],
     "view": [Section.of("view", view_cost)],
     "planning": [Section.of(module.__name__.rpartition(".")[2], module) for module in (planning, services, simulators)],
 }
@@ -106,7 +96,7 @@ def _each_named(arguments: Sequence[str], option: str = "--public") -> list[str]
 def bench(
     points: Annotated[
         list[int] | None,
-        typer.Option(help="Number of earlier data points (M); repeatable.", min=1, max=1_000_000, show_default="50 to 100000"),
+        typer.Option(help="Number of earlier observations (M); repeatable.", min=1, max=1_000_000, show_default="50 to 100000"),
     ] = None,
     supports: Annotated[
         list[int] | None,
@@ -115,7 +105,7 @@ def bench(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Measure only a small part, in less than a minute.")] = False,
-    plot: Annotated[pathlib.Path, typer.Option(help="Write the plot of cost against M to this file.")] = DEFAULT_PLOT,
+    plot: Annotated[pathlib.Path, typer.Option(help="With --public: write the figure to this file.")] = DEFAULT_PLOT,
     pushes: Annotated[
         pathlib.Path | None,
         typer.Option(
@@ -131,9 +121,6 @@ def bench(
             show_default=False,
         ),
     ] = None,
-    live: Annotated[
-        bool, typer.Option("--live", help="Also measure the live graph and the recorder, in real time: 3 minutes.")
-    ] = False,
     footprint_only: Annotated[
         bool,
         typer.Option(
@@ -145,14 +132,7 @@ def bench(
         typer.Option(
             "--costs",
             help="Measure only where the milliseconds and the megabytes go, and write the tables of docs/graph.md and"
-            " docs/estimator.md: 2 minutes.",
-        ),
-    ] = False,
-    growing: Annotated[
-        bool,
-        typer.Option(
-            "--growth",
-            help="Measure only the cost of a data point in the estimator when there are up to a million: 20 minutes.",
+            " docs/estimation.md: 2 minutes.",
         ),
     ] = False,
     view_only: Annotated[
@@ -191,11 +171,10 @@ def bench(
     ] = None,
     json: JsonOption = None,
 ) -> int:
-    """Measure the CPU time of one new data point, in pushfric and in other solvers of the same program, and of one frame.
+    """Measure the CPU time of one new observation, in pushfric and in other solvers of the same program.
 
     Everything runs on one thread. A solver is left out ("-") if one solve takes more than 20 s of CPU time, or is expected to
-    after its last M. All solvers take each data point in turn, so that a disturbance, even of the caches, affects all alike.
-    highs_warm is HiGHS kept warm: at each M and N the better of its primal and dual form.
+    after its last M. All solvers take each observation in turn, so that a disturbance, even of the caches, affects all alike.
     """
     if soaking is not None:
         return _run([Section.of("soak", soak, soaking)], json)
@@ -210,40 +189,17 @@ def bench(
     if public:
         plot.parent.mkdir(exist_ok=True)
         return _run([Section.of("public_pushes", public_pushes.PublicPushes(public, plot))], json)
-    alone = {"costs": costs_only, "footprint": footprint_only, "growth": growing, "view": view_only, "planning": planning_only}
+    alone = {"costs": costs_only, "footprint": footprint_only, "view": view_only, "planning": planning_only}
     for name, asked in alone.items():
         if asked:
             real = [Section.of("real_strokes", simulators.Real(real_strokes))] if real_strokes is not None else []
             return _run([*ALONE[name], *real], json)
-    plot.parent.mkdir(exist_ok=True)
-    sections = [_of_updates(points, supports, quick, plot), Section.of("tracker", tracker)]
+    count, budget, held = (QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD) if quick else (UPDATES, BUDGET, HELD)
+    cost = Section.of("", updates, points, supports, count, budget, held)
+    sections = [cost._replace(steps=len(supports) * (len(points) + 1))]
     if pushes is not None:
         sections += [Section.of("real_pushes", real_pushes, pushes), Section.of("prediction", prediction, pushes)]
-    if live:
-        sections += [Section.of("pipeline", pipeline), Section.of("recording", recording)]
-    code = _run(sections, json)
-    print(f"plot: {plot}", file=sys.stderr)
-    return code
-
-
-def _of_updates(points: Sequence[int], supports: Sequence[int], quick: bool, plot: pathlib.Path) -> Section:
-    """The cost of a data point; its figures include the better form of HiGHS."""
-
-    def measure(progress: Callable[[str], None]) -> Any:
-        count, budget, held = (QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD) if quick else (UPDATES, BUDGET, HELD)
-        measured = updates.measure(points, supports, count, budget, progress)
-        rows = with_best_of_highs(measured["updates"])
-        updates.plot(rows, plot)
-        return {**measured, "updates": rows, "bytes_per_data_point": updates.memory(supports, held, progress)}
-
-    return Section(
-        "",
-        len(supports) * (len(points) + 1),
-        measure,
-        lambda one: (updates.table(one["updates"]), *plain_tables("Memory of a data point", one["bytes_per_data_point"])),
-        lambda one: verdicts(one["updates"]),
-        lambda one: one["disagreements"],
-    )
+    return _run(sections, json)
 
 
 def _run(sections: Sequence[Section], json: str | None) -> int:
@@ -265,7 +221,7 @@ def _run(sections: Sequence[Section], json: str | None) -> int:
             failures += section.failures(figures)
         bar.update(task, description="done", advance=1, refresh=True)
     if targets:
-        tables.append(verdict_table(targets, HIGHS_WARM if "updates" in report else ""))
+        tables.append(verdict_table(targets))
     Console(stderr=json == STDOUT).print(*tables, sep="\n")
     if json is not None:
         report |= {
@@ -280,4 +236,4 @@ def _run(sections: Sequence[Section], json: str | None) -> int:
 
 
 if __name__ == "__main__":
-    run(undoing(partial(main, app, "./pushfric bench")))
+    start(app, "./pushfric bench")

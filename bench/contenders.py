@@ -18,9 +18,8 @@ import numpy as np
 import osqp
 from scipy import optimize, sparse
 
+from pushfric_core import ConstraintRows, Status
 from pushfric_core.geometry.planar import Array
-from pushfric_core.program.constraint_rows import ConstraintRows
-from pushfric_core.solvers.program import Status
 from pushfric_core.solvers.simplex import Simplex
 
 SOLVE_TIMEOUT = 120.0

@@ -1,4 +1,4 @@
-"""Where the milliseconds and the megabytes go: it measures them and writes the tables of docs/graph.md and docs/estimator.md.
+"""Where the milliseconds and the megabytes go: it measures them and writes the tables of docs/graph.md and docs/estimation.md.
 
 What is said of an estimate is measured by leaving it out: estimators with more and more of it take the same observations in
 turn, so that a disturbance affects all alike.
@@ -13,15 +13,13 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from bench import footprint, pipeline
-from pushfric_core import load
-from pushfric_core.estimation.estimate import Estimate
+from docs.markdown import replaced, table
+from pushfric_core import Estimate, Estimator, EstimatorConfig, load
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.whole_file import write_whole
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.commands.markdown import replaced, table
 from pushfric_ros.messages.conversions import estimate_to_msg
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -51,8 +49,8 @@ def measure(progress: Callable[[str], None]) -> Figures:
     progress("an observation")
     observation = _observation()
     progress("image to estimate")
-    listener = pipeline.LatencyListener()
-    pipeline.run(listener, pipeline.CAMERA_RATE)
+    listener = pipeline.Listener()
+    pipeline.run(listener)
     latency = listener.latency()
     progress("memory of the demo")
     demo = footprint.demo(1)
@@ -69,7 +67,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
         },
         "memory_mib": {**memory, "together": together, "a bare rclpy node": demo["bare_memory_mib"]},
     }
-    _write(ROOT / "docs/estimator.md", "observation", ("for one observation", "ms of CPU"), figures["observation_ms"], ".2f")
+    _write(ROOT / "docs/estimation.md", "observation", ("for one observation", "ms of CPU"), figures["observation_ms"], ".2f")
     _write(ROOT / "docs/graph.md", "latency", ("from the image to the estimate", "ms"), figures["latency_ms"], ".1f")
     _write(ROOT / "docs/graph.md", "memory", ("process", "MiB"), figures["memory_mib"], ".0f")
     return figures

@@ -1,17 +1,28 @@
 """The results as tables."""
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.table import Table
-
-from bench.verdict import Verdict
 
 Figures = dict[str, Any]
 
 
-def verdict_table(verdicts: Iterable[Verdict], caption: str = "") -> Table:
-    table = Table(title="Targets", caption=caption)
+class Verdict(NamedTuple):
+    """One target; if it was not measured, it is not met."""
+
+    target: str
+    asked: str
+    measured: float | None
+    met: bool
+
+    @classmethod
+    def at_most(cls, target: str, limit: float, measured: float) -> "Verdict":
+        return cls(target, f"<= {limit:g}", measured, measured <= limit)
+
+
+def verdict_table(verdicts: Iterable[Verdict]) -> Table:
+    table = Table(title="Targets")
     for heading in ("target", "asked", "measured", ""):
         table.add_column(heading, justify="left" if heading == "target" else "right")
     for target, asked, measured, met in verdicts:

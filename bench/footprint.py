@@ -21,8 +21,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
+from bench.display import Verdict
 from bench.processes import cpu_of_ended_children, memory, running
-from bench.verdict import Verdict
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import fork_server, graph
 from pushfric_ros.graph.supervisor import command
@@ -102,7 +102,7 @@ def verdicts(figures: Figures) -> Iterator[Verdict]:
         ("SIGINT to the end of six nodes at once, s", 0.3, figures["end_s"]["together"]),
         ("exit codes other than 0", 0, len(figures["end_codes"])),
     )
-    return (Verdict(target, f"<= {limit:g}", measured, measured <= limit) for target, limit, measured in asked)
+    return (Verdict.at_most(target, limit, measured) for target, limit, measured in asked)
 
 
 def _cpu(arguments: list[str | pathlib.Path]) -> float:

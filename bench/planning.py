@@ -1,25 +1,18 @@
 """What a planner gets: where whole strokes end, how fast predictions come, and whether they agree with the exact model."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from bench.display import Verdict
 from bench.paper import pushes
-from bench.verdict import Verdict
-from pushfric_core.errors import PushfricError
-from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core import TABLE_1, Estimate, EstimatorConfig, PushfricError, PushingLine, Support, Touch, predict_strokes
 from pushfric_core.estimation.push_plan import PlannedPush, placement
-from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.outline import Touch
 from pushfric_core.geometry.planar import Array, Pose, rotation, wrap
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict
 from pushfric_core.mechanics.simulation import PushedObject, pushed_motion
-from pushfric_core.mechanics.strokes import predict_strokes
 
 SEEDS, STROKES = 3, 12
 """For each object: how often its friction is estimated, and the number of strokes that are predicted from each estimate."""
@@ -65,11 +58,11 @@ def verdicts(figures: Figures) -> Iterator[Verdict]:
     for row in figures["strokes"]:
         for unit, asked in (("mm", 1.0), ("deg", 0.5)):
             measured = row[f"median_{unit}"]
-            yield Verdict(f"stroke of 50 mm, {row['object']}, {unit}", f"<= {asked:g}", measured, measured <= asked)
+            yield Verdict.at_most(f"stroke of 50 mm, {row['object']}, {unit}", asked, measured)
     speed = figures["predictions"]
-    yield Verdict(f"{speed['count']} predictions, s of CPU", "<= 0.2", speed["cpu_s"], speed["cpu_s"] <= 0.2)
+    yield Verdict.at_most(f"{speed['count']} predictions, s of CPU", 0.2, speed["cpu_s"])
     difference = speed["largest_difference"]
-    yield Verdict("difference from the exact model", "<= 0.001", difference, difference <= 1e-3)
+    yield Verdict.at_most("difference from the exact model", 0.001, difference)
 
 
 def _strokes(name: str) -> Figures:
@@ -84,14 +77,15 @@ def _strokes(name: str) -> Figures:
         for truth, found in _ends(name, model, rng):
             offsets.append(1e3 * np.hypot(*(found[:2] - truth[:2])))
             angles.append(np.degrees(abs(wrap(float(found[2]) - truth.theta))))
+    return {"object": name, "strokes": len(offsets), "mu_c": sorted(kinds), **spread(mm=offsets, deg=angles)}
+
+
+def spread(**errors: Sequence[float]) -> Figures:
+    """Median and 90th percentile, by unit."""
     return {
-        "object": name,
-        "strokes": len(offsets),
-        "mu_c": sorted(kinds),
-        "median_mm": float(np.median(offsets)),
-        "p90_mm": float(np.percentile(offsets, 90)),
-        "median_deg": float(np.median(angles)),
-        "p90_deg": float(np.percentile(angles, 90)),
+        f"{name}_{unit}": float(np.percentile(values, share))
+        for unit, values in errors.items()
+        for name, share in (("median", 50), ("p90", 90))
     }
 
 

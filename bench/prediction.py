@@ -1,6 +1,5 @@
 """Prediction on real pushes: motions of pushes that were not fitted, and which pushes with two fingers hold the object."""
 
-import csv
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -11,16 +10,12 @@ from scipy.optimize import minimize
 
 from bench.display import pivot_table, plain_tables
 from bench.paper.pushes import estimated
+from bench.public import stablepush, zhou2015
 from bench.real_pushes import GRIDS, OUTLINE, TRUE, TRUTH, support_points
-from pushfric_core.datasets import stablepush, zhou2015
-from pushfric_core.estimation.estimator import EstimatorConfig
+from pushfric_core import Ellipsoid, EstimatorConfig, NamedEllipsoid, Observation, Support, named_ellipsoid
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, cross, left_of
-from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.limit_surface import Ellipsoid
 from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict, stability
-from pushfric_core.mechanics.surface_models import NamedEllipsoid, named_ellipsoid
-from pushfric_core.trajectories.observation import Observation
 
 RADIUS = 0.05
 """Arm at which a rotation counts as much as a translation [m]: about the radius of gyration of the triangle."""
@@ -32,7 +27,6 @@ FOLDS, HALVINGS, SUBSETS, FEW = 5, 5, 20, 10
 UNIFORM = Support(OUTLINE.grid(30, 30), np.full(len(OUTLINE.grid(30, 30)), 1 / len(OUTLINE.grid(30, 30))))
 CONTENDERS = ("pushfric", "uniform", "ellipsoid", "fitted_ellipsoid")
 STEPS = 3
-TIPS = ("tip0x_mm", "tip0y_mm", "tip1x_mm", "tip1y_mm")
 
 
 class Pushes(NamedTuple):
@@ -46,7 +40,13 @@ class Pushes(NamedTuple):
 
     def of(self, chosen: Array) -> "Pushes":
         """Some of them."""
-        return Pushes([self.observations[k] for k in chosen], *(array[chosen] for array in self[1:]))
+        return Pushes.made([self.observations[k] for k in chosen])
+
+    @classmethod
+    def made(cls, observations: Sequence[Observation]) -> "Pushes":
+        """Those of observations with a tip velocity."""
+        names = ("contact_point", "contact_normal", "tip_velocity", "twist")
+        return cls(observations, *(np.array([getattr(one, name) for one in observations]) for name in names))
 
 
 def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def measure(source: pathlib.Path, progress: Callable[[str], None]) -> dict[str, 
     Raises:
         InvalidInput: a file cannot be read.
     """
-    logs = read(source)
+    logs = {log: Pushes.made(observations) for log, observations in zhou2015.read_push_points(source).items()}
     twists = []
     for support in (GRID, TRUE):
         progress(f"real pushes: motions, {support}")
@@ -86,27 +86,8 @@ def tables(figures: dict[str, Any]) -> Iterator[Table]:
     yield from plain_tables("Stable pushes", figures["stability"])
 
 
-def read(source: pathlib.Path) -> dict[str, Pushes]:
-    """The pushes of push_points.csv with the motion of the tip, log by log."""
-    tips: dict[str, list[list[float]]] = {}
-    logs = zhou2015.read_push_points(source)
-    with source.open(newline="", encoding="utf-8-sig") as stream:
-        for row in csv.DictReader(stream):
-            tips.setdefault(row["log"], []).append([float(row[name]) * zhou2015.MILLIMETRE for name in TIPS])
-    found = {}
-    for log, observations in logs.items():
-        points = np.array([observation.contact_point for observation in observations])
-        twists = np.array([observation.twist for observation in observations])
-        tip = np.array(tips[log])
-        # the displacement of the contact, and that of the tip along the edge
-        velocities = twists[:, :2] + twists[:, 2:] * left_of(points) + tip[:, 2:] - tip[:, :2]
-        normals = np.array([observation.contact_normal for observation in observations])
-        found[log] = Pushes(observations, points, normals, velocities, twists)
-    return found
-
-
 def fit(points: Array, observations: Sequence[Observation]) -> FrictionModel:
-    """The model that the estimator, with its defaults, makes from some data points."""
+    """The model that the estimator, with its defaults, makes from some observations."""
     _, estimate = estimated(observations, points, EstimatorConfig())
     return friction_model(estimate)
 

@@ -15,27 +15,22 @@ from rich.table import Table
 from shapely.geometry import Point
 
 from bench.paper.pushes import estimated
-from bench.paper.tables import markdown
 from bench.prediction import Pushes, ellipsoid_motions
-from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, Twist, predict_strokes
+from bench.public import zhou2015
+from bench.public.mitpush import POLY4
+from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
+from docs.markdown import table
+from pushfric_core import Estimate, EstimatorConfig, InvalidInput, Observation, PushingLine, Support, named_ellipsoid
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.datasets import zhou2015
-from pushfric_core.datasets.mitpush import POLY4
-from pushfric_core.datasets.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
-from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.estimation.picture import draw_support_friction
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.files.whole_file import write_whole
-from pushfric_core.geometry.outline import Touch
-from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, compose, exp, inverse, rotation, transform
-from pushfric_core.mechanics.prediction import friction_model
+from pushfric_core.geometry.outline import Outline, Touch
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Pose, Twist, compose, exp, inverse, rotation, transform
+from pushfric_core.mechanics.prediction import FrictionModel, friction_model
 from pushfric_core.mechanics.simulation import TOUCHING
-from pushfric_core.mechanics.strokes import STEP
-from pushfric_core.mechanics.surface_models import named_ellipsoid
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core.mechanics.strokes import STEP, predict_strokes
 from pushfric_core.uncertainty.spread import ELLIPSE
 
 FEW, DRAWS = 10, 6
@@ -119,7 +114,7 @@ class PublicPushes:
             rows.append(_measured(one, estimates[-1], np.random.default_rng(number)))
         plot(rows, self._plot)
         gallery(self._sets, estimates, self._plot.with_stem(f"{self._plot.stem}_gallery"))
-        write_whole(self._plot.with_suffix(".md"), "\n".join((*markdown(*_cells(rows)), "")))
+        write_whole(self._plot.with_suffix(".md"), table(*_cells(rows)))
         return {"sets": rows}
 
     def tables(self, figures: Figures) -> Iterator[Table]:
@@ -259,7 +254,7 @@ def _measured(one: PublicSet, whole: Estimate, rng: np.random.Generator) -> Figu
         "zhou_ellipsoid": _stored([one.strokes[row].predicted for row in rows]),
         "zhou_quartic": _stored([one.quartic[row] for row in rows]),
     }
-    figures["errors"] = {name: _errors(found, truth, model.length) for name, found in ends.items()}
+    figures["errors"] = {name: mean_errors(found, truth, model.length) if found else None for name, found in ends.items()}
     return figures
 
 
@@ -311,10 +306,8 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
     return np.array(ends)
 
 
-def _errors(found: Sequence[Array], truth: Array, arm: float) -> Figures | None:
-    """Means over strokes, of each of some predictions (k, 3) [m, rad]; an angle counts with an arm [m]. None without any."""
-    if not found:
-        return None
+def mean_errors(found: Sequence[Array], truth: Array, arm: float) -> Figures:
+    """Means over strokes, of each of some predictions (k, 3) [m, rad]; an angle counts with an arm [m]."""
     apart = np.concatenate([one - truth for one in found])
     places = np.hypot(apart[:, 0], apart[:, 1])
     turns = np.abs((apart[:, 2] + np.pi) % (2 * np.pi) - np.pi)

@@ -8,11 +8,9 @@ import numpy as np
 from rich.table import Table
 
 from bench.display import pivot_table
-from pushfric_core.datasets import zhou2015
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
-from pushfric_core.geometry.outline import Outline
+from bench.public import zhou2015
+from pushfric_core import Estimator, EstimatorConfig, Observation, Outline
 from pushfric_core.geometry.planar import Array
-from pushfric_core.trajectories.observation import Observation
 
 OUTLINE = Outline(np.array(zhou2015.CORNERS))
 TRUTH = np.array((0.05, 0.05))

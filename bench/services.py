@@ -18,21 +18,19 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
+from geometry_msgs.msg import Point, Vector3
 from rclpy.node import Node
 from rclpy.task import Future
 
 from bench import pipeline, planning
+from bench.display import Verdict
 from bench.paper import pushes
 from bench.processes import running
-from bench.verdict import Verdict
+from pushfric_core import TABLE_1, friction_model
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.estimation.verdict import Verdict as EstimateVerdict
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.prediction import friction_model
-from pushfric_core.trajectories.trajectory import TrajectoryConfig
-from pushfric_msgs.msg import FrictionEstimate, FrictionModel, Heartbeat, PusherState
+from pushfric_msgs.msg import FrictionModel, Heartbeat, PusherState
 from pushfric_msgs.srv import PredictPush
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import command
@@ -80,7 +78,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
     """
     progress("answers while a cell pushes")
     planner = _Planner()
-    pipeline.run(planner, pipeline.CAMERA_RATE, changed=lambda specs: graph.with_planner(specs, PlannerConfig()))
+    pipeline.run(planner, changed=lambda specs: graph.with_planner(specs, PlannerConfig()))
     progress(f"{CLIENTS} clients")
     return {**planner.figures(), "crowd": _crowd()}
 
@@ -88,30 +86,25 @@ def measure(progress: Callable[[str], None]) -> Figures:
 def verdicts(figures: Figures) -> Iterator[Verdict]:
     """The targets, next to what was measured."""
     answer = figures["answers"]["asked"]["p50_ms"]
-    yield Verdict("an answer while pushes run, p50 ms", "<= 5", answer, answer <= 5)
+    yield Verdict.at_most("an answer while pushes run, p50 ms", 5, answer)
     quiet = figures["estimates"]["quiet"]["p50_ms"]
     for kind in KINDS[1:]:
         later = figures["estimates"][kind]["p50_ms"] - quiet
-        yield Verdict(f"an estimate later by, {kind}, p50 ms", "<= 1", later, later <= 1)
+        yield Verdict.at_most(f"an estimate later by, {kind}, p50 ms", 1, later)
     gap = figures["heartbeat_gap_s"]["loaded"]
-    yield Verdict(f"the estimator's heartbeat, {MANY} predictions again and again, largest gap, s", "<= 0.15", gap, gap <= 0.15)
+    yield Verdict.at_most(f"the estimator's heartbeat, {MANY} predictions again and again, largest gap, s", 0.15, gap)
     crowd = figures["crowd"]
     yield Verdict(f"answers to {AT_ONCE} calls at once", f"{AT_ONCE}", crowd["at_once"], crowd["at_once"] == AT_ONCE)
     every = CLIENTS * TIMES
     yield Verdict(f"answers to {CLIENTS} clients in a row", f"{every}", crowd["in_a_row"], crowd["in_a_row"] == every)
-    yield Verdict(f"the same, p99 ms, k = {EACH}", "<= 500", crowd["p99_ms"], crowd["p99_ms"] <= 500)
+    yield Verdict.at_most(f"the same, p99 ms, k = {EACH}", 500, crowd["p99_ms"])
 
 
-class _Planner:
-    """Asks during pushes, and records when messages were published [ns], by their stamps [ns]."""
-
-    frame_count = 0
+class _Planner(pipeline.Listener):
+    """Asks during pushes."""
 
     def __init__(self) -> None:
-        self.started = self.seconds = self.cpu_seconds = 0.0
-        self._poses: dict[int, int] = {}
-        self._pusher_states: dict[int, int] = {}
-        self._estimates: dict[int, int] = {}
+        super().__init__(images=False)
         self._pushes: dict[int, int] = {}  # push_id of each pusher state
         self._now: str | None = None  # kind of the present push
         self._busy = False  # MANY pushes are being answered
@@ -121,24 +114,20 @@ class _Planner:
         self._beat: int | None = None  # when the last heartbeat was published [ns]
 
     def subscribe(self, node: Node) -> None:
+        super().subscribe(node)
         self._one, self._many = question(1), question(MANY)
         self._client, self._greedy = (node.create_client(PredictPush, "planner/predict_push") for _ in range(2))
-        node.create_subscription(PoseWithCovarianceStamped, "object_pose", self._on_pose, pipeline.BEST_EFFORT)
         node.create_subscription(PusherState, "pusher_state", self._on_pusher_state, pipeline.DEEP)
-        node.create_subscription(FrictionEstimate, "friction_estimate", self._on_estimate, pipeline.LATCHED)
         node.create_subscription(Heartbeat, "heartbeat", self._on_heartbeat, pipeline.DEEP)
         node.create_timer(1 / RATE, self._ask)
 
     def figures(self) -> Figures:
-        poses, states = sorted(self._poses), sorted(self._pusher_states)
-        ahead = TrajectoryConfig.window // 2 + 1
+        stamps = sorted(self._pushes)
         delays: dict[str, list[float]] = {kind: [] for kind in KINDS}
-        for stamp, published in self._estimates.items():
-            last_but_one, newest = poses[bisect_left(poses, stamp) + ahead - 1 :][:2]
-            state = states[bisect_left(states, last_but_one)]
-            push = self._pushes[states[min(bisect_left(states, stamp), len(states) - 1)]]
+        for stamp, _, published, pose, state in self.estimated():
+            push = self._pushes[stamps[min(bisect_left(stamps, stamp), len(stamps) - 1)]]
             if push != PusherState.NO_PUSH:
-                delays[_kind(push)].append((published - max(self._poses[newest], self._pusher_states[state])) / 1e6)
+                delays[_kind(push)].append((published - max(pose, state)) / 1e6)
         return {
             "answers": {kind: _spread(values) for kind, values in self._answers.items() if kind != "quiet"},
             "answers_to_many": _spread(self._answers_to_many),
@@ -174,18 +163,9 @@ class _Planner:
             self._gaps[self._now].append(max((now - self._beat) / 1e9, msg.stalled))
         self._beat = now
 
-    def _on_pose(self, msg: PoseWithCovarianceStamped, info: dict[str, Any]) -> None:
-        self._poses.setdefault(stamp_from_msg(msg.header.stamp), info["source_timestamp"])
-
-    def _on_pusher_state(self, msg: PusherState, info: dict[str, Any]) -> None:
-        stamp = stamp_from_msg(msg.header.stamp)
-        self._pusher_states.setdefault(stamp, info["source_timestamp"])
-        self._pushes.setdefault(stamp, msg.push_id)
+    def _on_pusher_state(self, msg: PusherState) -> None:
+        self._pushes.setdefault(stamp_from_msg(msg.header.stamp), msg.push_id)
         self._now = None if msg.push_id == PusherState.NO_PUSH else _kind(msg.push_id)
-
-    def _on_estimate(self, msg: FrictionEstimate, info: dict[str, Any]) -> None:
-        if msg.data_points:
-            self._estimates.setdefault(stamp_from_msg(msg.header.stamp), info["source_timestamp"])
 
 
 def _kind(push: int) -> str:

@@ -11,18 +11,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from bench.paper.pushes import estimated
-from bench.public_pushes import Line, line_of
-from bench.verdict import Verdict
-from pushfric_core import FrictionModel, Outline, Pose, PushingLine, Support, export, predict_strokes
-from pushfric_core.datasets.strokes import STROKES as STROKE_FILE
-from pushfric_core.datasets.strokes import USUAL_RADIUS, read_strokes
-from pushfric_core.estimation.estimator import EstimatorConfig
-from pushfric_core.files.object_file import load_object
-from pushfric_core.files.observation_file import read_observations
-from pushfric_core.geometry.planar import Array
-from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.prediction import friction_model
+from bench.display import Verdict
+from bench.planning import spread
+from bench.prediction import fit
+from bench.public.strokes import USUAL_RADIUS
+from bench.public_pushes import Line, PublicSet, line_of, mean_errors, sets_in
+from pushfric_core import TABLE_1, Outline, PushingLine, Support, export, predict_strokes
+from pushfric_core.geometry.planar import Array, Pose
+from pushfric_core.mechanics.prediction import FrictionModel
 
 SPEED = 0.01
 """Of the tip [m/s]: slow enough to be quasi-static."""
@@ -112,16 +108,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
         scenes = {"exported": model, "without a model": uniform(known.outline, GUESS)}
         for scene, shown in scenes.items():
             apart, turned = distances(exported(known.outline, shown, TIP_RADIUS), model, known.outline, chosen)
-            rows.append(
-                {
-                    "object": name,
-                    "scene": scene,
-                    "median_mm": 1e3 * float(np.median(apart)),
-                    "p90_mm": 1e3 * float(np.percentile(apart, 90)),
-                    "median_deg": float(np.degrees(np.median(turned))),
-                    "p90_deg": float(np.degrees(np.percentile(turned, 90))),
-                }
-            )
+            rows.append({"object": name, "scene": scene, **spread(mm=1e3 * apart, deg=np.degrees(turned))})
     return {"strokes": rows}
 
 
@@ -131,7 +118,7 @@ def verdicts(figures: Figures) -> Iterator[Verdict]:
         if row["scene"] == "exported":
             for unit, asked in (("mm", 0.5), ("deg", 1.0)):
                 measured = row[f"median_{unit}"]
-                yield Verdict(f"stroke in MuJoCo, {row['object']}, {unit}", f"<= {asked:g}", measured, measured <= asked)
+                yield Verdict.at_most(f"stroke in MuJoCo, {row['object']}, {unit}", asked, measured)
 
 
 class Real:
@@ -142,8 +129,7 @@ class Real:
     """
 
     def __init__(self, folder: pathlib.Path) -> None:
-        self._sets = sorted(path.name.removesuffix(".tip.csv") for path in folder.glob("*.tip.csv"))
-        self._folder = folder
+        self._sets = sets_in(folder)
         self.STEPS = len(self._sets)
 
     def measure(self, progress: Callable[[str], None]) -> Figures:
@@ -153,7 +139,7 @@ class Real:
             {"real_strokes": [{"set", "strokes", and the mean errors "predicted_mm", "exported_mm" and "without_mm"}]}, an angle
             counted with the arm of the support points; without a model, mu_c is the same.
         """
-        return {"real_strokes": [self._compared(name, number, progress) for number, name in enumerate(self._sets)]}
+        return {"real_strokes": [self._compared(one, number, progress) for number, one in enumerate(self._sets)]}
 
     def verdicts(self, figures: Figures) -> Iterator[Verdict]:
         """The targets, next to what was measured, as means over the sets."""
@@ -162,21 +148,17 @@ class Real:
             float(np.mean([row[f"{name}_mm"] for row in rows])) for name in ("predicted", "exported", "without")
         )
         worse, better = exported / predicted - 1, 1 - exported / without
-        yield Verdict("error of real strokes, exported, above that predicted", "<= 0.05", worse, worse <= 0.05)
+        yield Verdict.at_most("error of real strokes, exported, above that predicted", 0.05, worse)
         yield Verdict("the same, below that without a model", ">= 0.15", better, better >= 0.15)
 
-    def _compared(self, name: str, number: int, progress: Callable[[str], None]) -> Figures:
-        progress(f"real strokes: {name}")
-        pushed_object = load_object(str(self._folder / f"{name.rpartition('_')[2]}.yaml"))
-        outline = pushed_object.outline
-        rows = read_strokes(self._folder / f"{name}{STROKE_FILE}")
-        shuffled = np.random.default_rng(number).permutation(len(rows)).tolist()
-        fitted = set(shuffled[: len(rows) // 2])
-        data = read_observations(self._folder / f"{name}.tip.csv", outline)
-        _, estimate = estimated([one for one in data if one.push_id in fitted], pushed_object.support_points, EstimatorConfig())
-        model = friction_model(estimate)
-        lines_of = {k: line_of(rows[k], outline) for k in shuffled[len(fitted) :]}
-        chosen = [(line, rows[k].after) for k, line in lines_of.items() if line is not None][:STROKES]
+    def _compared(self, one: PublicSet, number: int, progress: Callable[[str], None]) -> Figures:
+        progress(f"real strokes: {one.name}")
+        outline = one.model.outline
+        shuffled = np.random.default_rng(number).permutation(len(one.strokes)).tolist()
+        fitted = set(shuffled[: len(shuffled) // 2])
+        model = fit(one.model.support_points, [observation for observation in one.data if observation.push_id in fitted])
+        lines_of = {k: line_of(one.strokes[k], outline) for k in shuffled[len(fitted) :]}
+        chosen = [(line, one.strokes[k].after) for k, line in lines_of.items() if line is not None][:STROKES]
         poses, lines, _, ends = zip(*(stroke for stroke, _ in chosen), strict=True)
         truth = np.array([end for _, end in chosen])
         scene = exported(outline, model, USUAL_RADIUS)
@@ -186,12 +168,5 @@ class Real:
             "exported": np.array([pushed(scene, *stroke) for stroke, _ in chosen]),
             "without": np.array([pushed(plain, *stroke) for stroke, _ in chosen]),
         }
-        errors = {f"{key}_mm": _error(array, truth, model.length) for key, array in found.items()}
-        return {"set": name, "strokes": len(chosen), **errors}
-
-
-def _error(found: Array, truth: Array, arm: float) -> float:
-    """Mean distance, an angle counted with an arm [m] [mm]."""
-    apart = found - truth
-    turned = np.abs((apart[:, 2] + np.pi) % (2 * np.pi) - np.pi)
-    return 1e3 * float(np.mean(np.hypot(apart[:, 0], apart[:, 1]) + arm * turned))
+        means = {f"{key}_mm": 1e3 * mean_errors([array], truth, model.length)["combined"] for key, array in found.items()}
+        return {"set": one.name, "strokes": len(chosen), **means}

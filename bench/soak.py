@@ -12,9 +12,9 @@ import yaml
 from mcap.reader import make_reader
 
 from bench.processes import memory
+from pushfric_core import PushfricError
 from pushfric_core.bags.contents import mcap_file
 from pushfric_core.cell.node_settings import PlanConfig
-from pushfric_core.errors import PushfricError
 from pushfric_core.vision.camera import load_camera
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph

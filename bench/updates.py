@@ -1,23 +1,20 @@
-"""The CPU time that each contender needs for one new data point, as a table and a plot, and the memory that it takes."""
+"""The CPU time that each contender needs for one new data point, as a table, and the memory that it takes."""
 
 import gc
 import itertools
 import math
-import pathlib
 import time
 import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from rich import box
 from rich.table import Table
 
 from bench.contenders import APPROXIMATE, CONTENDERS, Contender, NoOptimum, OutOfTime
 from bench.data_points import data_points
-from bench.display import short
+from bench.display import Verdict, pivot_table, plain_tables
 from pushfric_core.solvers.simplex import Simplex
 
 LIMIT = 20.0
@@ -38,19 +35,32 @@ FEWEST = 3
 AGREEMENT = 1e-6
 """Exact contenders may differ by this fraction of the objective."""
 
+LARGEST = 36
+"""The targets hold up to this number of support points."""
+
+TIMES = {50: (25, 2), 100: (25, 2), 1000: (650, 7), 10000: (10000, 40)}
+"""For each M: how many times faster pushfric must be than linprog, and than HiGHS kept warm, the better of its forms."""
+
+FLATNESS = 2
+"""The median at M = 100000 must be at most this many times that at M = 100."""
+
+TAIL = 20
+"""The 99th percentile must be at most this many times the median."""
+
 Figures = dict[str, Any]
 
 
 def measure(
-    points: Sequence[int], supports: Sequence[int], updates: int, budget: float, progress: Callable[[str], None]
+    points: Sequence[int], supports: Sequence[int], updates: int, budget: float, held: int, progress: Callable[[str], None]
 ) -> Figures:
-    """The cost of every contender for each number of data points M and of support points N.
+    """The cost of every contender for each number of observations M and of support points N, and memory (`memory`).
 
     Args:
         points: values of M, the number of earlier data points.
         supports: values of N.
         updates: number of updates to measure in each cell, that is for each M and N.
         budget: CPU time of a contender in a cell [s]; afterwards it is no longer measured there.
+        held: number of observations over which memory is measured.
         progress: called with a description of each cell before it begins.
     Returns:
         "updates": rows {M, N, contender, median_cpu_ms, p99_cpu_ms, count, objective_error}; the last is the largest relative
@@ -74,7 +84,7 @@ def measure(
             disagreements += cell.disagreements
             for name in running:
                 slowest[name] = (m, cell.longest[name])
-    return {"updates": rows, "disagreements": disagreements}
+    return {"updates": rows, "disagreements": disagreements, "bytes_per_data_point": memory(supports, held, progress)}
 
 
 class _Cell:
@@ -120,9 +130,8 @@ class _Cell:
         try:
             for step, rows in enumerate(groups[self._m :]):
                 turns = [name for name in contenders if name in self._running]
-                for name in np.roll(
-                    turns, step
-                ):  # so that no contender always follows the same one, and finds the caches as that one left them
+                # so that no contender always follows the same one, and finds the caches as that one left them
+                for name in np.roll(turns, step):
                     seconds = self._timed(name, partial(contenders[name].update, rows))
                     if name in self._running:
                         self._seconds[name].append(seconds)
@@ -202,49 +211,31 @@ def memory(supports: Sequence[int], count: int, progress: Callable[[str], None])
     return rows
 
 
-def table(updates: Sequence[Figures]) -> Table:
-    """One row for each M and N; "-" for a contender that was too slow."""
-    row_of = {(row["N"], row["M"], row["contender"]): row for row in updates}
-    legend = "In each cell: median, 99th percentile, and the median as a multiple of pushfric's."
-    table = Table(title="CPU ms of one new data point", caption=legend, box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("N", "M", *(name.replace("_", "\n") for name in CONTENDERS)):
-        table.add_column(heading, justify="right", overflow="fold")
-    last = None
-    for n, m in dict.fromkeys(key[:2] for key in row_of):
-        if n != last and last is not None:
-            table.add_section()
-        last = n
-        own = row_of[n, m, "pushfric"]["median_cpu_ms"]
-        cells = []
-        for name in CONTENDERS:
-            row = row_of.get((n, m, name))
-            if row is None:
-                cells.append("-")
-                continue
-            median, p99 = row["median_cpu_ms"], row["p99_cpu_ms"]
-            cells.append(f"{short(median)}\n{short(p99)}" + f"\n{short(median / own)}x" * (name != "pushfric"))
-        table.add_row(str(n), str(m), *cells)
-    return table
+def tables(figures: Figures) -> Iterator[Table]:
+    """Medians and 99th percentiles, a line for each M and N; "-" for a contender that was too slow. Memory."""
+    for what in ("median", "p99"):
+        rows = [{key: row[key] for key in ("N", "M", "contender", f"{what}_cpu_ms")} for row in figures["updates"]]
+        yield pivot_table(f"CPU ms of one new observation, {what}", rows, "contender", f"{what}_cpu_ms")
+    yield from plain_tables("Memory of an observation", figures["bytes_per_data_point"])
 
 
-def plot(updates: Sequence[Figures], path: pathlib.Path) -> None:
-    """Plot the median cost against M, with a panel for each N and a band up to pushfric's 99th percentile."""
-    supports = sorted({row["N"] for row in updates})
-    figure = Figure(figsize=(2 + 3 * len(supports), 4), layout="tight")
-    axes = figure.subplots(1, len(supports), sharey=True, squeeze=False)
-    for axis, n in zip(axes[0], supports, strict=True):
-        for name in CONTENDERS:
-            rows = sorted((row for row in updates if (row["N"], row["contender"]) == (n, name)), key=lambda row: row["M"])
-            if not rows:
-                continue
-            m, median = [row["M"] for row in rows], [row["median_cpu_ms"] for row in rows]
-            own = name == "pushfric"
-            (line,) = axis.loglog(m, median, marker="o", markersize=3, linewidth=2.5 if own else 1, label=name)
-            if own:
-                tail = [row["p99_cpu_ms"] for row in rows]
-                axis.fill_between(m, median, tail, color=line.get_color(), alpha=0.2, label="to its 99th percentile")
-        axis.set(title=f"{n} supports", xlabel="data points before")
-        axis.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("CPU time of one new data point [ms]")
-    axes[0, 0].legend(fontsize="small")
-    figure.savefig(path, dpi=150)
+def verdicts(figures: Figures) -> Iterator[Verdict]:
+    """The targets for the M and N that were measured."""
+    row_of = {(row["M"], row["N"], row["contender"]): row for row in figures["updates"]}
+    cells = [(m, n) for m, n, name in row_of if name == "pushfric" and n <= LARGEST]
+    for m, n in cells:
+        own = row_of[m, n, "pushfric"]
+        for names, times in zip((("linprog",), ("highs_primal", "highs_dual")), TIMES.get(m, ()), strict=False):
+            peers = [row_of[m, n, name]["median_cpu_ms"] for name in names if (m, n, name) in row_of]
+            measured = min(peers) / own["median_cpu_ms"] if peers else None
+            met = measured is not None and measured >= times
+            yield Verdict(f"{' or '.join(names)} / pushfric, M = {m}, N = {n}", f">= {times}", measured, met)
+        yield Verdict.at_most(f"p99 / median, M = {m}, N = {n}", TAIL, own["p99_cpu_ms"] / own["median_cpu_ms"])
+        if m == 100_000 and (100, n) in cells:
+            growth = own["median_cpu_ms"] / row_of[100, n, "pushfric"]["median_cpu_ms"]
+            yield Verdict.at_most(f"median at M = 100000 / at 100, N = {n}", FLATNESS, growth)
+
+
+def failures(figures: Figures) -> list[str]:
+    """A line for each program that an exact contender did not solve, or solved with another result."""
+    return list(figures["disagreements"])

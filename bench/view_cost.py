@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bench import pipeline
-from bench.verdict import Verdict
+from bench.display import Verdict
 from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import NodeSpec
@@ -70,10 +70,10 @@ def _run(way: str) -> Figures:
             if way == VISITOR and name == "view" and line.startswith("http"):
                 visit(line)
 
-        listener = pipeline.LatencyListener()
-        pipeline.run(listener, pipeline.CAMERA_RATE, SECONDS, list if way == WITHOUT else viewed, said)
+        listener = pipeline.Listener()
+        pipeline.run(listener, SECONDS, list if way == WITHOUT else viewed, said)
     latency = listener.latency()
-    return {key: latency[key] for key in ("estimates", "p50_ms", "p99_ms")} | {"cores": listener.frames()["cores"]}
+    return {key: latency[key] for key in ("estimates", "p50_ms", "p99_ms")} | {"cores": listener.cores}
 
 
 @contextmanager

@@ -10,6 +10,7 @@ import os
 import pathlib
 import re
 import shutil
+import sys
 import tempfile
 from typing import Any
 
@@ -19,11 +20,13 @@ from sphinx.application import Sphinx
 from sphinx.cmd.build import main as build
 from sphinx.writers.html5 import HTML5Translator
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python docs/build_site.py`, from any folder
+
 import pushfric_core
+from docs.markdown import table
 from pushfric_core.commands.cli import catalog, load
 from pushfric_core.commands.interrupt import undoing
 from pushfric_core.commands.program import run
-from pushfric_ros.commands.markdown import table
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
@@ -53,8 +56,8 @@ def setup(app):
 
 PARTS = {
     "Learn": ("tutorial", "install", "bag_to_prediction", "data_to_verdict", "glossary"),
-    "Operate": ("hardware", "cell", "safety", "security", "view", "graph", "interfaces", "reliability"),
-    "Research": ("estimation", "derivation", "pushes", "public_data", "estimator", "paper", "files", "many"),
+    "Operate": ("hardware", "calibrate", "cell", "safety", "security", "view", "graph", "interfaces", "reliability"),
+    "Research": ("estimation", "derivation", "pushes", "public_data", "paper", "files", "many"),
     "Plan": ("planning", "limit_surface", "conventions"),
     "Reference": ("commands", "python"),
     "Project": ("architecture", "contributing"),

@@ -1,4 +1,6 @@
-"""The drawings of graph.md and derivation.md: `python docs/drawings.py` rewrites them beside this file."""
+"""The drawings of graph, derivation, safety, cell and files: `python docs/drawings.py` rewrites them beside this file."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from cell_parts import FOLDER, box, drawing, line, text
@@ -126,7 +128,81 @@ def push() -> str:
     )
 
 
-DRAWINGS = {"graph.svg": graph, "push.svg": push}
+def stops() -> str:
+    """From the client of a push to the motor, and how soon the pusher rests without each."""
+    chain = (
+        ("client", ("goal,", "heartbeats"), ("dies, hangs:", "0.3 s and braking")),
+        ("actuator", ("the next", "0.25 s"), ("dies, is late:", "0.25 s and braking")),
+        ("controller", ("steps", ""), ("does not answer:", "0.3 s")),
+        ("motor", (), ()),
+    )
+    parts = []
+    for number, (name, sends, without) in enumerate(chain):
+        x = 20.0 + 210 * number
+        parts += [*node(x, 150, name), *(text(x + 65, 228 + 18 * row, said, "pale") for row, said in enumerate(without))]
+        if sends:
+            parts.append(line(f"{x + 130:g} 175h80", "accent", arrow=True))
+            parts += [text(x + 168, 166 + 26 * row, said, "pale") for row, said in enumerate(sends)]
+    for x, name, what in (
+        (20, "camera, tracker", "1.1 s"),
+        (230, "a person", "stop: 0.14 s"),
+        (440, "enable, force", "as for a stop"),
+        (650, "emergency stop", "cuts the supply"),
+    ):
+        parts += [box(x, 30, *NODE, "seen"), text(x + 65, 51, name, "pale"), text(x + 65, 69, what, "pale")]
+    ways = (("85 80V115H270V150", ""), ("300 80V150", ""), ("505 80V115H330V150", ""), ("715 80V150", "power"))
+    return drawing(
+        "What a push needs to go on, and how soon the pusher rests without it",
+        800,
+        270,
+        *(line(way, kind, arrow=True) for way, kind in ways),
+        *parts,
+    )
+
+
+def columns(title: str, width: int, rows: Sequence[Sequence[str]], heads: Sequence[str] = ()) -> str:
+    """Rows of boxes from left to right, with an arrow from each to the next; an empty text is no box."""
+    step, parts = width / len(rows[0]), []
+    for place, head in enumerate(heads):
+        parts.append(text(step * (place + 0.5), 26, head, "pale"))
+    for number, row in enumerate(rows):
+        y = 40.0 + 58 * number
+        for place, said in enumerate(row):
+            x = step * place + 15
+            if said:
+                parts += [box(x, y, step - 45, 44, "box" if place else "seen"), text(x + (step - 45) / 2, y + 27, said)]
+            if place and said and row[place - 1]:
+                parts.append(line(f"{x - 30:g} {y + 22:g}h30", "accent", arrow=True))
+    return drawing(title, width, 50 + 58 * len(rows), *parts)
+
+
+def cell_file() -> str:
+    """The sections of a cell's file, the files they name, and the nodes that read them."""
+    rows = (
+        ("object.yaml", "object", "tracker, estimator, experiment"),
+        ("camera.yaml, markers.yaml", "camera  (or poses)", "tracker  (or pose_source)"),
+        ("a serial port or an arm", "pusher  (or tip)", "actuator  (or tip_source)"),
+        ("plan.yaml", "plan", "experiment"),
+        ("model.yaml", "estimator", "estimator"),
+    )
+    return columns("A cell's file, the files that it names, and the nodes", 780, rows, ("file or device", "section", "node"))
+
+
+def files() -> str:
+    """Which command reads and writes which file."""
+    rows = (
+        ("cell.yaml, object.yaml", "run", "bag, report.html"),
+        ("bag or CSV, object.yaml", "estimate", "JSON, model.yaml"),
+        ("object.yaml with hypotheses", "recognize", "ranking"),
+        ("bag or CSV", "region", "plan.yaml"),
+        ("model.yaml, pushes.csv", "predict, stable", "motions"),
+        ("model.yaml", "export", "MJCF, SDF, JSON"),
+        ("damaged bag", "bag recover", "bag"),
+    )
+    return columns("Commands, and the files that they read and write", 780, rows, ("reads", "command", "writes"))
+
+
+DRAWINGS = {"graph.svg": graph, "push.svg": push, "stops.svg": stops, "cell_file.svg": cell_file, "files.svg": files}
 
 if __name__ == "__main__":
     for name, draw in DRAWINGS.items():

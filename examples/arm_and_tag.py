@@ -14,9 +14,8 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from pushfric_core import Pose, PushedObject, PushingLine
+from pushfric_core import TABLE_1, Pose, PushedObject, PushingLine
 from pushfric_core.geometry.planar import compose, transform
-from pushfric_core.geometry.table_1 import TABLE_1
 
 NAME = "wood_rect4"
 RATE = 30.0  # frames of the detector, and three times as many poses of the tool [Hz]

@@ -17,24 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 import rclpy
-from push_to_pose import (
-    APPROACH,
-    FRAME_RATE,
-    TIP_RADIUS,
-    Cell,
-    carried_out,
-    nearby,
-    random_strokes,
-    tips,
-    turned,
-    uniform,
-)
+from push_to_pose import APPROACH, FRAME_RATE, TIP_RADIUS, Cell, carried_out, nearby, random_strokes, tips, turned, uniform
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
-from pushfric_core import Pose, PushedObject
+from pushfric_core import TABLE_1, Pose, PushedObject
 from pushfric_core.geometry.planar import Array
-from pushfric_core.geometry.table_1 import TABLE_1
 
 START, GOAL = Pose(-0.15, 0.0, 0.3), np.array((0.15, 0.0, 0.0))
 OBSTACLE, RADIUS = np.array((0.0, -0.01)), 0.03  # [m]

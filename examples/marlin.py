@@ -28,16 +28,7 @@ from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.driver_states import Phase, Role
 from pushfric_core.pushers.pusher import Limits, NotConnected, NotReady, Timeout
 from pushfric_core.pushers.serial_config import SerialConfig
-from pushfric_core.pushers.serial_pusher import (
-    MM,
-    MM_PER_MINUTE,
-    Halted,
-    Refused,
-    Script,
-    SerialPusher,
-    StatusReport,
-    moves,
-)
+from pushfric_core.pushers.serial_pusher import MM, MM_PER_MINUTE, Halted, Refused, Script, SerialPusher, StatusReport, moves
 from pushfric_core.pushers.stroke import Plausibility
 
 QUESTION, STOP, KILL = "M114 R", "M410", "M112"

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pushfric_core import Constraint, ConstraintRows, Estimator, EstimatorConfig, Observation, Outline, Twist
-from pushfric_core.geometry.support import SupportForces
+from pushfric_core import Constraint, ConstraintRows, Estimator, EstimatorConfig, Observation, Outline, SupportForces, Twist
 
 OUTLINE = Outline.rectangle(0.12, 0.06)
 

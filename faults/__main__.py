@@ -62,7 +62,7 @@ def main(
 
     outcomes = campaign(cases, times, lambda line: print(line, file=sys.stderr, flush=True), keep)
     if quick or only:
-        print(table(evidence(outcomes)))
+        print(table(evidence(outcomes)), end="")
     sys.exit(int(any(outcome.problems for tried in outcomes for outcome in tried)))
 
 
@@ -70,7 +70,7 @@ def page() -> str:
     """The document, from the evidence."""
     found = json.loads(EVIDENCE.read_text(encoding="utf-8"))
     how = textwrap.fill(found["circumstances"], 120)
-    return f"{HEAD}{table(found['faults'])}\n\n{how}\n"
+    return f"{HEAD}{table(found['faults'])}\n{how}\n"
 
 
 def circumstances(outcomes: list[list[Outcome]], loads: list[float]) -> str:

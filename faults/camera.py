@@ -20,10 +20,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
+from pushfric_core import InvalidInput
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.commands.console import console, fail
-from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.watch import watch

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from docs.markdown import table as markdown
 from faults.camera import PLAN
 from faults.cases import NODES, Case
 from faults.cell_run import CellRun, demo
@@ -159,15 +160,14 @@ def table(faults: Sequence[Mapping[str, Any]]) -> str:
     Args:
         faults: from `evidence`.
     """
-    rows = ["| fault | what follows | seen | as asked |", "|---|---|---|---|"]
+    rows = []
     for asked in dict.fromkeys(fault["asked"] for fault in faults):
         alike = [fault for fault in faults if fault["asked"] == asked]
         tries = [tried for fault in alike for tried in fault["tries"]]
         good = sum(not tried["problems"] for tried in tries)
         wrong = [f"; {problem}" for tried in tries for problem in tried["problems"]]
-        cells = (merged(fault["fault"] for fault in alike), asked, seen(tries) + "".join(wrong), f"{good} of {len(tries)}")
-        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(rows)
+        rows.append((merged(fault["fault"] for fault in alike), asked, seen(tries) + "".join(wrong), f"{good} of {len(tries)}"))
+    return markdown(("fault", "what follows", "seen", "as asked"), rows)
 
 
 def merged(faults: Iterable[str]) -> str:

@@ -89,16 +89,19 @@ def _second_recorder(run: CellRun) -> None:
     topic = "/cell/observation pushfric_msgs/msg/Observation reliable"
     program = "import sys; sys.argv[0] = 'recorder_node'; from pushfric_ros.node_kit.executable import main; main()"
     parameters = ["--ros-args", "-p", f"bag:={run.bag}", "-p", f"topics:=['{topic}']"]
-    second = subprocess.run([sys.executable, "-c", program, *parameters], capture_output=True, text=True, timeout=300)
-    assert second.returncode == 2, second
-    assert "already holds files" in second.stderr, second
+    _refused([sys.executable, "-c", program, *parameters], "already holds files")
 
 
 def _second_cell(run: CellRun) -> None:
-    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", str(run.folder / "second")]
+    _refused(
+        [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", str(run.folder / "second")], "is already running"
+    )
+
+
+def _refused(command: list[str], says: str) -> None:
     second = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert second.returncode == 2, second
-    assert "is already running" in second.stderr, second
+    assert says in second.stderr, second
 
 
 def _every_sector(run: CellRun) -> None:
@@ -224,17 +227,13 @@ NODE_CASES = [
 ]
 
 SEEN = "the push is stopped, with the reason; the run waits for a person"
+UNSEEN_AT_ALL = "the object was not seen for"
 WAITS = {
-    "unplugged": "the object was not seen for",
-    "frozen": "the object was not seen for",
+    **dict.fromkeys(("unplugged", "frozen"), UNSEEN_AT_ALL),
     "frozen except for one pixel": "the object does not follow the pusher",
     "two images that alternate": "the object does not follow the pusher|the object was not seen",
     "image shifted by 40 px": "the object leaps by 2[0-9] mm|the object was not seen",
-    "black": "the object was not seen for",
-    "white": "the object was not seen for",
-    "object taken away": "the object was not seen for",
-    "two objects": "the object was not seen for",
-    "half an object": "the object was not seen for",
+    **dict.fromkeys(("black", "white", "object taken away", "two objects", "half an object"), UNSEEN_AT_ALL),
     "torn: the lower half is older": "the object was not seen for|the object does not follow",
     "stamps of a foreign clock": "the clock of the camera is 3600 s ahead of this computer's",
     "clock set back by an hour": "the clock of the camera is 3600 s behind this computer's",
@@ -254,11 +253,12 @@ CAMERA_CASES = [
 ]  # fmt: skip
 assert {case.camera for case in CAMERA_CASES} == set(FAULTS)
 
+SAYS_SO = "the run ends and says so"
 FILE_CASES = [
     *(
         Case(
             f"the recorder's disk is full after {more} more bytes",
-            "the run ends and says so; what was written can be read",
+            f"{SAYS_SO}; what was written can be read",
             (1, 2),
             "File too large",
             partial(_limit_the_recorder, more),
@@ -274,7 +274,7 @@ FILE_CASES = [
     ),
     Case(
         "the bag's folder is removed",
-        "the run ends and says so",
+        SAYS_SO,
         (1, 2),
         "was removed or moved while it was recorded",
         lambda run: shutil.rmtree(run.bag),

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
-GROUPS = pathlib.Path("/sys/fs/cgroup")
+GROUPS = pathlib.Path("/sys/fs/cgroup")  # of version 2, cgroups(7)
 
 PERIOD = 100_000
 """Within which the kernel counts the CPU time of a group, its default [us]."""
@@ -42,15 +42,10 @@ def _group(percent: float) -> Iterator[pathlib.Path]:
     Raises:
         OSError: none can be made here.
     """
-    unified = (GROUPS / "cgroup.controllers").exists()  # cgroups(7): version 2, else version 1
-    group = (GROUPS if unified else GROUPS / "cpu") / f"pushfric-{os.getpid()}"
+    group = GROUPS / f"pushfric-{os.getpid()}"
     group.mkdir()
     try:
-        quota = round(PERIOD * percent / 100)
-        if unified:
-            (group / "cpu.max").write_text(f"{quota} {PERIOD}")
-        else:
-            (group / "cpu.cfs_quota_us").write_text(str(quota))
+        (group / "cpu.max").write_text(f"{round(PERIOD * percent / 100)} {PERIOD}")
         yield group
     finally:
         for pid in (group / "cgroup.procs").read_text().split():

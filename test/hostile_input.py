@@ -32,6 +32,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
+from bench.public import cpush, mitpush, zhou2015
 from pushfric_core import Estimator, InvalidInput, Observation, Pose, PushfricError, Trajectory, Twist, friction_model
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
@@ -44,7 +45,6 @@ from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig
-from pushfric_core.datasets import cpush, mitpush, zhou2015
 from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, save_model

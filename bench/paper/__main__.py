@@ -2,7 +2,6 @@
 
 import pathlib
 import sys
-from functools import partial
 from typing import Annotated
 
 import typer
@@ -11,12 +10,10 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))  # started 
 
 from bench.paper import reproduce as paper
 from bench.paper import study as studies
+from bench.program import start
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cli import main
 from pushfric_core.commands.console import console, say
-from pushfric_core.commands.interrupt import undoing
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
-from pushfric_core.commands.program import run
 
 app = Application(pretty_exceptions_enable=False)
 
@@ -48,4 +45,4 @@ def study(
 
 
 if __name__ == "__main__":
-    run(undoing(partial(main, app, "./pushfric")))
+    start(app, "./pushfric")

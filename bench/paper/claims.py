@@ -63,20 +63,20 @@ def claims(seeds: Sequence[Mapping[str, Any]]) -> list[Claim]:
         spread = (float(interval.low), float(interval.high))
         return Claim(text, int(np.ceil(SURE * leaf["of"])), leaf["held"], leaf["of"], spread, True)
 
-    def near(text: str, close: Callable[[Nested], list[bool]], asked: bool = True) -> Claim:
-        all_close = close(found)
-        counts = [sum(close(draw)) for draw in again]
+    def near(text: str, asked: Callable[[Path], bool], known: str = "reference") -> Claim:
+        all_close = _close(found, asked, known)
+        counts = [sum(_close(draw, asked, known)) for draw in again]
         low, high = np.quantile(counts, ((1 - SHARE) / 2, (1 + SHARE) / 2), method="inverted_cdf").tolist()
         of = len(all_close)
-        return Claim(text, of if asked else None, sum(all_close), of, (low, high), False)
+        return Claim(text, of if known == "reference" else None, sum(all_close), of, (low, high), False)
 
     return [
         worst("the right one of three look-alikes (Tables 4 and 5, each grid of 9 points and more)", "correct", RIGHT),
-        near(f"ratios of Tables 4 and 5 within {100 * CLOSE:.0f} % of the reference", _ratios),
-        near(f"the same within {100 * CLOSE:.0f} % of the paper", lambda one: _ratios(one, "paper"), asked=False),
+        near(f"ratios of Tables 4 and 5 within {100 * CLOSE:.0f} % of the reference", _ratio),
+        near(f"the same within {100 * CLOSE:.0f} % of the paper", _ratio, "paper"),
         worst("the four feet found among 15 points (Figure 5, each object)", "corners_are_top_four", ("figure5",)),
         worst("the true orientation (Figures 9 and 10, each half-width)", "correct", ("figure9", "figure10")),
-        near(f"mu_c of wood_rect4 and the flat objects within {CLOSE_MU} of the reference (Table 3)", _frictions),
+        near(f"mu_c of wood_rect4 and the flat objects within {CLOSE_MU} of the reference (Table 3)", _friction),
     ]
 
 
@@ -96,19 +96,16 @@ def agrees(path: Path, leaf: Nested, known: str = "reference") -> bool | None:
     return bool(abs(leaf["median"] - leaf[known]) <= allowed)
 
 
-def _ratios(summary: Nested, known: str = "reference") -> list[bool]:
-    """Which ratios of the wrong hypotheses of Tables 4 and 5 are close, on grids of 9 points and more."""
-    return [
-        bool(agrees(path, leaf, known))
-        for path, leaf in leaves({table: summary[table] for table in RIGHT})
-        if known in leaf and path[1] != "grid_4" and path[2].startswith("ratio") and path[2] != RIGHT[path[0]]
-    ]
+def _close(summary: Nested, asked: Callable[[Path], bool], known: str = "reference") -> list[bool]:
+    """Which numbers that are asked for are close, of those that the reference or the paper gives."""
+    return [bool(agrees(path, leaf, known)) for path, leaf in leaves(summary) if known in leaf and asked(path)]
 
 
-def _frictions(summary: Nested) -> list[bool]:
-    """Which mu_c of Table 3 are close: those of the flat objects and wood_rect4, without the bad push."""
-    return [
-        bool(agrees(path, leaf))
-        for path, leaf in leaves({"table3": summary["table3"]})
-        if path[1] in ("delrin_rect_center", "delrin_rect_right", "wood_rect4")
-    ]
+def _ratio(path: Path) -> bool:
+    """Those of the wrong hypotheses of Tables 4 and 5, on grids of 9 points and more."""
+    return path[0] in RIGHT and path[1] != "grid_4" and path[2].startswith("ratio") and path[2] != RIGHT[path[0]]
+
+
+def _friction(path: Path) -> bool:
+    """mu_c of the flat objects and wood_rect4, without the bad push."""
+    return path[0] == "table3" and path[1] in ("delrin_rect_center", "delrin_rect_right", "wood_rect4")

@@ -81,6 +81,10 @@ class Weights(NamedTuple):
         """Its p_CF."""
         return located(self.name, center_of_friction(self.points, self.w))
 
+    def near_feet(self, distance: float) -> float:
+        """How much of w lies within a distance [m] of a foot."""
+        return float(self.w[_at_feet(self.name, distance)].sum())
+
 
 def run_seed(seed: int) -> Seed:
     """All experiments of one seed."""
@@ -102,7 +106,7 @@ def run_seed(seed: int) -> Seed:
         "table4_default": _recognition("center", data, EstimatorConfig()),
         "table5_default": _recognition("right", data, EstimatorConfig()),
         "figure5": {one.name: _feet_found(one) for one in weights["figure5"]},
-        "figure6": {"weight_within_1_cm": _near_feet(weights["figure6"][1], 0.01), **weights["figure6"][1].located()},
+        "figure6": {"weight_within_1_cm": weights["figure6"][1].near_feet(0.01), **weights["figure6"][1].located()},
         "figure9": _orientation("wood_rect3", data["wood_rect3"]),
         "figure10": _orientation("delrin_square3", data["delrin_square3"]),
         "figure10_fewer_data_points": _orientation("delrin_square3", fewer),
@@ -208,15 +212,10 @@ def _feet_found(found: Weights) -> Numbers:
     feet = _at_feet(found.name, 1e-6)
     return {
         "corners_are_top_four": _largest_are(found.w, feet),
-        "weight_at_corners": _near_feet(found, 1e-6),
+        "weight_at_corners": found.near_feet(1e-6),
         "nonzero_weights": int((found.w > 1e-6).sum()),
         **found.located(),
     }
-
-
-def _near_feet(found: Weights, distance: float) -> float:
-    """How much of w lies within a distance [m] of a foot."""
-    return float(found.w[_at_feet(found.name, distance)].sum())
 
 
 def _extremes(found: Weights) -> Numbers:

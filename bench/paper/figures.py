@@ -12,14 +12,13 @@ from matplotlib.ticker import MaxNLocator
 
 from bench.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS, Rod, Seed, Weights
 from bench.paper.tables import PUBLISHED, Nested
+from pushfric_core import Observation, Region
 from pushfric_core.estimation import picture
 from pushfric_core.estimation.picture import ESTIMATE, GREY, INK, closed
-from pushfric_core.estimation.region import Region
 from pushfric_core.geometry.planar import Array, transform
 from pushfric_core.geometry.table_1 import ORIENTATIONS, TABLE_1
 from pushfric_core.report.figures import OTHER, REACHED, TRUTH
 from pushfric_core.report.page import number
-from pushfric_core.trajectories.observation import Observation
 
 PAPER = "#e69f00"  # the paper's numbers; also of Okabe and Ito
 

@@ -7,13 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core import TABLE_1, Estimate, Estimator, EstimatorConfig, Observation, Outline, PushfricError, PushingLine
-from pushfric_core.datasets.zhou2015 import CORNERS, GRID
+from bench.public.zhou2015 import CORNERS, GRID
+from pushfric_core import Estimate, Observation, Outline, PushedObject, PushfricError, PushingLine, Support
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, even_pushes, placement
 from pushfric_core.geometry.planar import Array, Pose, wrap
-from pushfric_core.geometry.support import Support
-from pushfric_core.geometry.table_1 import FEET, FLAT, PoseNoise
-from pushfric_core.mechanics.simulation import PushedObject
+from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1, PoseNoise
 from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory
 
 LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
@@ -35,12 +34,9 @@ class Conduct(NamedTuple):
 CONDUCT = {
     # an object pushed nearer to its corners turns about one of its feet, and the data say nothing about that foot's force
     "delrin_square3": Conduct(closer=0.8),
-    "wood_rect3": Conduct(closer=0.88),
-    "wood_rect4": Conduct(closer=0.88),
-    "rubber_rect4": Conduct(closer=0.88),
+    **dict.fromkeys(("wood_rect3", "wood_rect4", "rubber_rect4"), Conduct(closer=0.88)),
     # "tended to rotate quickly, resulting in fewer useful observations" (section 5)
-    "delrin_rect_center": Conduct(longest_turn=math.radians(25)),
-    "delrin_rect_right": Conduct(longest_turn=math.radians(25)),
+    **dict.fromkeys(("delrin_rect_center", "delrin_rect_right"), Conduct(longest_turn=math.radians(25))),
 }
 
 VISION_ERROR = (0.008, -0.002)

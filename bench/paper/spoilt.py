@@ -1,7 +1,7 @@
 """Bad pushes and changed objects for the study: does outlier rejection find them, and does it leave the good pushes in?"""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,9 @@ BEFORE, AFTER = 10, 3
 
 SHIFTS = (0.008, 0.004)
 """Shift of p_CF by a load that is moved [m]."""
+
+SPOILT = ("drift", "wander", "jump", "lost contact")
+"""Faults of a push."""
 
 LEAST_WEIGHT = 0.02
 """Share of its weight that each support keeps when the load is moved."""
@@ -51,9 +54,9 @@ def verdicts(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, 
         clean = filmed(studied.outline, before, spread, np.random.default_rng(camera))
         left_out, changed = _screened(clean, studied.support_points)
         yield f"none/{noise}", Verdict(good=len(before), lost=len(left_out), changed=changed)
-        for kind, spoil in SPOILT.items():
+        for kind in SPOILT:
             bad = int(rng.integers(len(before)))
-            seen = [spoil(frames, rng) if index == bad else frames for index, frames in enumerate(before)]
+            seen = [spoilt(kind, frames, rng) if index == bad else frames for index, frames in enumerate(before)]
             data = filmed(studied.outline, seen, spread, np.random.default_rng(camera))
             left_out, changed = _screened(data, studied.support_points)
             harmless = {one.twist for one in data} <= {one.twist for one in clean}
@@ -97,43 +100,22 @@ def with_moved_load(support: Support, shift: float, rng: np.random.Generator) ->
     return Support(support.points, weights / weights.sum())
 
 
-def _drift(frames: Frames, rng: np.random.Generator) -> Frames:
-    """The tracked orientation drifts."""
-    return _turned(frames, float(rng.choice((-BAD_TURN, BAD_TURN))) * np.linspace(0.0, 1.0, len(frames)))
+def spoilt(kind: str, frames: Frames, rng: np.random.Generator) -> Frames:
+    """A push with a fault, one of SPOILT, as the camera sees it."""
+    count = len(frames)
+    if kind in ("drift", "wander"):  # the tracked orientation drifts, or walks at random
+        turns = BAD_TURN * (rng.choice((-1.0, 1.0)) * np.linspace(0.0, 1.0, count) if kind == "drift" else _walk(count, rng))
+        return [(at, pose._replace(theta=pose.theta + turn)) for (at, pose), turn in zip(frames, turns, strict=True)]
+    if kind == "jump":
+        angle, length = float(rng.uniform(0.0, 2 * math.pi)), float(rng.uniform(*LEAP))
+    third = count // 3
+    start = int(rng.integers(third, max(2 * third, third + 1)))  # somewhere in the middle third
+    if kind == "jump":  # the tracked position jumps and stays off
+        x, y = length * math.cos(angle), length * math.sin(angle)
+        return frames[:start] + [(at, Pose(pose.x + x, pose.y + y, pose.theta)) for at, pose in frames[start:]]
+    return frames[:start] + [(at, frames[start][1]) for at, _ in frames[start:]]  # the object stops while the tip goes on
 
 
-def _wander(frames: Frames, rng: np.random.Generator) -> Frames:
-    """The tracked orientation walks at random."""
-    walk = np.cumsum(rng.normal(size=len(frames)))
-    return _turned(frames, BAD_TURN * walk / np.abs(walk).max())
-
-
-def _turned(frames: Frames, turns: Array) -> Frames:
-    return [(position, pose._replace(theta=pose.theta + turn)) for (position, pose), turn in zip(frames, turns, strict=True)]
-
-
-def _jump(frames: Frames, rng: np.random.Generator) -> Frames:
-    """Somewhere in the middle third, the tracked position jumps and stays off."""
-    angle, length, start = float(rng.uniform(0.0, 2 * math.pi)), float(rng.uniform(*LEAP)), _middle(frames, rng)
-    x, y = length * math.cos(angle), length * math.sin(angle)
-    return frames[:start] + [(position, Pose(pose.x + x, pose.y + y, pose.theta)) for position, pose in frames[start:]]
-
-
-def _lost_contact(frames: Frames, rng: np.random.Generator) -> Frames:
-    """Somewhere in the middle third, the object stops while the tip goes on."""
-    start = _middle(frames, rng)
-    return frames[:start] + [(position, frames[start][1]) for position, _ in frames[start:]]
-
-
-def _middle(frames: Frames, rng: np.random.Generator) -> int:
-    third = len(frames) // 3
-    return int(rng.integers(third, max(2 * third, third + 1)))
-
-
-SPOILT: dict[str, Callable[[Frames, np.random.Generator], Frames]] = {
-    "drift": _drift,
-    "wander": _wander,
-    "jump": _jump,
-    "lost contact": _lost_contact,
-}
-"""Faults of a push, as the camera sees them."""
+def _walk(count: int, rng: np.random.Generator) -> Array:
+    walk = np.cumsum(rng.normal(size=count))
+    return walk / np.abs(walk).max()

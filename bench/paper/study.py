@@ -2,7 +2,7 @@
 
 Each cell of the study is an object, a camera's noise and a plan of pushes. For each cell, the study measures how often the 90 %
 ellipse of p_CF contains the truth, its radius compared with the errors, the errors of the optimum and of the middle of the set,
-and mu_c. Further cells are about screening (module `spoilt`) and the choice of the next push (module `choice`).
+and mu_c. Further cells are about screening (module `spoilt`).
 """
 
 import math
@@ -15,11 +15,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from bench.paper import choice, spoilt
+from bench.paper import spoilt
 from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1, shapes
 from bench.paper.tables import table_of
+from bench.public.zhou2015 import CORNERS, GRID, read_push_points
 from pushfric_core import TABLE_1, Estimate, EstimatorConfig, Observation, Outline
-from pushfric_core.datasets.zhou2015 import CORNERS, GRID, read_push_points
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
 from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.geometry.contact import tangent
@@ -40,7 +40,7 @@ REAL_CENTER = np.full(2, 0.05)
 SLIPPED = 1e-3
 """A real push slips if its tip moved along the edge by more than this [m]; then the force sensor measures mu_c."""
 
-PARTS = ("simulated", "real", "mu_c", "real_mu_c", "screened", "choice")
+PARTS = ("simulated", "real", "mu_c", "real_mu_c", "screened")
 """The parts of study.json with numbers, each a table of study.md; docs/estimation.md explains them."""
 
 Numbers = dict[str, Any]
@@ -50,10 +50,10 @@ def run_seed(seed: int) -> dict[str, Any]:
     """All simulated cells of one seed.
 
     Returns:
-        `seed`; under `cells` what was found in each, by its name; under `mu_c` that of each object of Table 1; under `screened`
-        what screening said of bad pushes and changed objects; and under `choice` how many pushes each object took.
+        `seed`; under `cells` what was found in each, by its name; under `mu_c` that of each object of Table 1; and under
+        `screened` what screening said of bad pushes and changed objects.
     """
-    found: dict[str, Any] = {"seed": seed, "cells": {}, "mu_c": {}, "screened": {}, "choice": {}}
+    found: dict[str, Any] = {"seed": seed, "cells": {}, "mu_c": {}, "screened": {}}
     for number, (name, studied) in enumerate(objects().items()):
         rng = np.random.default_rng((seed, number))
         edge = int(rng.integers(len(studied.outline.vertices)))
@@ -62,7 +62,6 @@ def run_seed(seed: int) -> dict[str, Any]:
         found["cells"] |= _cells(name, studied, plans | {"one_place": [PlannedPush(edge, offset)] * 8}, rng)
         verdicts = spoilt.verdicts(studied, np.random.default_rng((seed, 200 + number)))
         found["screened"] |= {f"{name}/{case}": verdict for case, verdict in verdicts}
-        found["choice"][name] = choice.pushes_needed(studied, np.random.default_rng((seed, 300 + number)))
     for number, (name, studied) in enumerate(shapes().items()):
         rng = np.random.default_rng((seed, 400 + number))
         plans = {"all": even_pushes(studied.outline, studied.plans["all"]), "places": eight_places(studied.outline, rng)}
@@ -101,13 +100,12 @@ def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int,
         "simulated": {name: _summary([one["cells"][name] for one in found]) for name in found[0]["cells"]},
         "mu_c": {name: _within([one["mu_c"][name] for one in found if name in one["mu_c"]]) for name in TABLE_1},
         "screened": spoilt.summary([one["screened"] for one in found]),
-        "choice": {name: choice.summary([one["choice"][name] for one in found]) for name in found[0]["choice"]},
         "real": _real(logs),
         "real_mu_c": {f"{log}/{terms}": _real_mu_c(data, terms) for log, data in logs.items() for terms in ("moment", "force")},
     }
     write_whole(out / "study.json", to_json(summary) + "\n")
-    lines = [line for part in PARTS if summary[part] for line in ("", f"## {part}", "", *table_of(summary[part]))]
-    write_whole(out / "study.md", "\n".join((f"# Study of {seeds} seeds", *lines, "")))
+    parts = (f"\n## {part}\n\n{table_of(summary[part])}" for part in PARTS if summary[part])
+    write_whole(out / "study.md", "".join((f"# Study of {seeds} seeds\n", *parts)))
     return summary
 
 
@@ -150,18 +148,15 @@ def _summary(runs: Sequence[Numbers]) -> Numbers:
     """The figures of the runs of one cell; lengths in mm."""
     given = [one for one in runs if one["given"]]
     numbers: Numbers = {"runs": len(runs), "given": len(given), **_quantiles("error", runs)}
-    if given:
-        numbers |= {**_quantiles("middle", given), **_trust(given)}
-    if sampled := [one for one in given if "sampled" in one]:
-        numbers |= {**_quantiles("sampled", sampled), **_trust(sampled, "sampled", "sampled_")}
-    for name, of in (("middle", given), ("sampled", sampled)):
+    sampled = [one for one in given if "sampled" in one]
+    for name, of, trust in (("middle", given, ("error", "")), ("sampled", sampled, ("sampled", "sampled_"))):
         if of:
-            median, optimum = (np.median([one[key] for one in of]) for key in (name, "error"))
-            numbers[f"{name}_to_optimum"] = float(median / optimum)
+            median, optimum = (float(np.median([one[key] for one in of])) for key in (name, "error"))
+            numbers |= {**_quantiles(name, of), **_trust(of, *trust), f"{name}_to_optimum": median / optimum}
     return numbers
 
 
-def _trust(runs: Sequence[Numbers], error: str = "error", prefix: str = "") -> Numbers:
+def _trust(runs: Sequence[Numbers], error: str, prefix: str) -> Numbers:
     """How often an ellipse holds the truth, and its radius compared with the errors."""
     errors = float(np.quantile([one[error] for one in runs], 0.9))
     radius = float(np.median([one[f"{prefix}radius"] for one in runs]))
@@ -208,17 +203,17 @@ def _real_mu_c(data: Sequence[Observation], terms: str) -> Numbers:
     """mu_c without the forces, or with them, compared with the median that the sensor gives for slipping pushes."""
     sensed = []
     for one in data:
-        normal, along = np.asarray(one.contact_normal), tangent(np.asarray(one.contact_normal))
-        slip = (np.asarray(one.tip_velocity) - velocity_at(one.twist, np.asarray(one.contact_point))) @ along
+        normal = np.asarray(one.contact_normal)
+        slip = (np.asarray(one.tip_velocity) - velocity_at(one.twist, np.asarray(one.contact_point))) @ tangent(normal)
         if abs(float(slip)) > SLIPPED and one.force is not None:
-            sensed.append(abs(float(np.asarray(one.force) @ along) / float(np.asarray(one.force) @ normal)))
+            sensed.append(abs(float(np.asarray(one.force) @ tangent(normal)) / float(np.asarray(one.force) @ normal)))
     used = data if terms == "force" else [replace(one, force=None) for one in data]
     mu_c = _estimate(used, _points(), ("moment",) if terms == "moment" else ("moment", "force")).mu_c
     truth = float(np.median(sensed))
     if mu_c is None or mu_c.value is None:
         return {"sensor": truth, "value": None}
-    held = mu_c.low <= truth <= mu_c.high
-    return {"sensor": truth, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high, "kind": mu_c.kind.value, "held": held}
+    interval = {"low": mu_c.low, "high": mu_c.high, "kind": mu_c.kind.value, "held": mu_c.low <= truth <= mu_c.high}
+    return {"sensor": truth, "value": mu_c.value, **interval}
 
 
 def _points() -> Array:

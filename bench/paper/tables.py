@@ -5,11 +5,13 @@ The keys are those of tables.json; docs/paper.md explains them.
 
 import math
 import pathlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import yaml
+
+from docs.markdown import table
 
 Nested = dict[str, Any]
 
@@ -65,17 +67,11 @@ def leaves(nested: Nested, path: Path = ()) -> Iterator[tuple[Path, Nested]]:
             yield from [((*path, key), value)] if found else leaves(value, (*path, key))
 
 
-def markdown(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
-    """A table as lines of Markdown."""
-    head, *lines = (f"| {' | '.join(map(str, row))} |" for row in (heads, *rows))
-    return [head, "|" + "---|" * len(heads), *lines]
-
-
-def table_of(cells: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def table_of(cells: Mapping[str, Mapping[str, Any]]) -> str:
     """Named numbers as a table in Markdown: a row for each name, a column for each key."""
     keys = list(dict.fromkeys(key for cell in cells.values() for key in cell))
     rows = ((name, *(_said(cell.get(key)) for key in keys)) for name, cell in cells.items())
-    return markdown(("", *(key.replace("_", " ") for key in keys)), rows)
+    return table(("", *(key.replace("_", " ") for key in keys)), rows)
 
 
 def _said(value: object) -> str:

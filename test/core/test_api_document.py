@@ -1,9 +1,10 @@
-"""docs/api.md is what the docstrings of the public names say. `python3 test/core/test_api_document.py` writes it again."""
+"""docs/api.md names every public name, which has a docstring. `python3 test/core/test_api_document.py` writes it again."""
 
 import functools
 import inspect
 import pathlib
-import textwrap
+
+import pytest
 
 import pushfric_core
 
@@ -12,9 +13,10 @@ DOCUMENT = pathlib.Path(__file__).resolve().parents[2] / "docs/api.md"
 HEAD = """\
 # The public names of pushfric_core
 
-Made from the docstrings by `python3 test/core/test_api_document.py`; the tests compare. Every name is imported as in
-`from pushfric_core import Estimator`; `help(Estimator)` has shapes, units, frames, errors and an example. The notebooks
-[from a bag to a prediction](bag_to_prediction.md) and [from your own data to a verdict](data_to_verdict.md) begin like this:
+Made by `python3 test/core/test_api_document.py`. Every name is imported as in `from pushfric_core import Estimator`;
+`help(Estimator)`, or the page *Python* of the site that `./pushfric docs` builds, has what it does, its members, shapes, units,
+frames, errors and an example. The notebooks [from a bag to a prediction](bag_to_prediction.md) and [from your own data to a
+verdict](data_to_verdict.md) begin like this:
 
 ```python
 from pushfric_core import friction_model, load, predict
@@ -27,9 +29,11 @@ model = friction_model(estimate)
 motion = predict(model, [(0.0, -0.032)], [(0.0, -1.0)], [(0.0, 0.02)])  # contact [m], outward normal, tip's velocity [m/s]
 ```
 
-Bags need the extra `bags`, pictures `plot`, tables `pandas` ([install.md](install.md#without-ros-at-all))."""
+Bags need the extra `bags`, pictures `plot`, tables `pandas` ([install.md](install.md#without-ros-at-all)).
 
-DATA = {"TABLE_1": "The six objects of Table 1 by name: outline, support, mu_c, grid and noise of each."}
+"""
+
+UNDOCUMENTED = {"TABLE_1"}
 """Names that are neither classes nor functions have no docstring."""
 
 
@@ -37,47 +41,30 @@ def document():
     modules: dict[str, list[str]] = {}
     for name in pushfric_core.__all__:
         modules.setdefault(pushfric_core._HOMES[name].removeprefix("pushfric_core."), []).append(name)
-    parts = [HEAD]
-    for module, names in sorted(modules.items()):
-        source = f"../src/pushfric_core/pushfric_core/{module.replace('.', '/')}.py"
-        parts += [f"\n## [{module}]({source})"]
-        for name in names:
-            parts += ["", *entry(name, getattr(pushfric_core, name))]
-    return "\n".join(parts) + "\n"
+    rows = [
+        f"| [{module}](../src/pushfric_core/pushfric_core/{module.replace('.', '/')}.py) | {', '.join(map(entry, names))} |\n"
+        for module, names in sorted(modules.items())
+    ]
+    return "".join((HEAD, "| module | names |\n|---|---|\n", *rows))
 
 
-def entry(name, public):
-    members = [f"`.{member}`" for member in own_members(public)] if inspect.isclass(public) else []
-    about = f" {', '.join(members)}." if members else ""
-    return [wrapped(f"`{name}{parameters(public)}`: {summary(name, public)}{about}")]
-
-
-def own_members(public):
-    """The methods and properties of a class, each with its parameters; all have a docstring."""
-    for member, value in vars(public).items():
-        attribute = isinstance(value, property | functools.cached_property)
-        if not member.startswith("_") and (attribute or inspect.isfunction(value) or isinstance(value, classmethod)):
-            assert inspect.getdoc(getattr(public, member)), f"{member} has no docstring"
-            yield member if attribute else f"{member}{parameters(getattr(public, member))}"
-
-
-def wrapped(paragraph):
-    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False)
-
-
-def parameters(public):
+def entry(name):
+    public = getattr(pushfric_core, name)
+    assert name in UNDOCUMENTED or inspect.getdoc(public), f"{name} has no docstring"
     if not inspect.isroutine(public):
-        return ""
-    return f"({', '.join(name for name in inspect.signature(public).parameters if name != 'self')})"
+        return f"`{name}`"
+    return f"`{name}({', '.join(inspect.signature(public).parameters)})`"
 
 
-def summary(name, public):
-    text = DATA[name] if name in DATA else inspect.getdoc(public)
-    assert text, f"{name} has no docstring"
-    return " ".join(text.split("\n\n")[0].split())
+@pytest.mark.parametrize("name", sorted(pushfric_core.__all__))
+def test_methods_and_properties_have_a_docstring(name):
+    public = getattr(pushfric_core, name)
+    for member, value in vars(public).items() if inspect.isclass(public) else ():
+        told = isinstance(value, property | functools.cached_property | classmethod) or inspect.isfunction(value)
+        assert member.startswith("_") or not told or inspect.getdoc(getattr(public, member)), f"{member} has no docstring"
 
 
-def test_the_document_says_what_the_docstrings_say():
+def test_the_document_names_every_public_name():
     assert DOCUMENT.read_text(encoding="utf-8") == document()
 
 

@@ -28,7 +28,7 @@ def test_a_table_takes_the_place_of_the_one_between_its_marks(costs, tmp_path):
         costs._write(document, "latency", ("way", "ms"), {"all": 1.0}, ".0f")
 
 
-@pytest.mark.parametrize(("page", "name"), [("estimator.md", "observation"), ("graph.md", "latency"), ("graph.md", "memory")])
+@pytest.mark.parametrize(("page", "name"), [("estimation.md", "observation"), ("graph.md", "latency"), ("graph.md", "memory")])
 def test_the_pages_hold_a_table_between_the_marks(page, name):
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     marks = f"<!-- bench --costs: {name} -->", f"<!-- end of {name} -->"

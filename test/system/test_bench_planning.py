@@ -5,7 +5,6 @@ import pathlib
 
 import numpy as np
 import pytest
-from problems import observations_of
 
 from pushfric_msgs.msg import Heartbeat
 
@@ -79,11 +78,6 @@ def test_real_strokes_are_compared_with_predictions_and_scenes(monkeypatch, tmp_
     np.savetxt(
         tmp_path / "steel_block.strokes.csv", np.column_stack((poses, final, *at)), delimiter=",", header=columns, comments=""
     )
-    data = observations_of(known.outline, known.support, known.mu_c, 24, np.random.default_rng(1))
-    rows = [(*one.contact_point, *one.contact_normal, *one.twist, push) for push, one in enumerate(data)]
-    columns = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id"
-    np.savetxt(tmp_path / "steel_block.tip.csv", rows, delimiter=",", header=columns, comments="")
-
     monkeypatch.setattr(simulators, "STROKES", 3)
     section = simulators.Real(tmp_path)
     figures = section.measure(lambda _: None)
@@ -100,12 +94,12 @@ def test_estimates_of_the_kinds_of_pushes_are_kept_apart():
     planner = services._Planner()
     for frame in range(24):
         stamp, wall = 100 * frame * MS, (5000 + 100 * frame) * MS
-        planner._poses[stamp] = wall + 7 * MS
-        planner._pusher_states[stamp] = wall + 10 * MS
+        planner.poses[stamp] = wall + 7 * MS
+        planner.pusher_states[stamp] = wall + 10 * MS
         planner._pushes[stamp] = -1 if 10 <= frame < 13 else int(frame >= 13)
-    ahead = services.TrajectoryConfig.window // 2 + 1  # frames until the newest that an estimate needs
+    ahead = services.pipeline.TrajectoryConfig.window // 2 + 1  # frames until the newest that an estimate needs
     for frame, took in ((3, 4), (4, 6), (11, 50), (14, 10), (15, 12), (16, 12)):
-        planner._estimates[100 * frame * MS] = planner._poses[100 * (frame + ahead) * MS] + took * MS
+        planner.estimates[100 * frame * MS] = planner.poses[100 * (frame + ahead) * MS] + took * MS
     planner._answers["asked"] += [2.0, 3.0, 4.0]
     planner._now = "loaded"
     for moment, stalled in ((0, 0.0), (50, 0.01), (150, 0.02), (200, 0.12)):

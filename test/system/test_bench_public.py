@@ -17,9 +17,9 @@ def bench(monkeypatch):
 def folder(tmp_path):
     """A set whose stored quartic is right, and whose stored ellipsoid says that nothing moves."""
     from bench import simulators
+    from bench.public.mitpush import POLY4
+    from bench.public.strokes import STROKES, Stroke, save_strokes
     from pushfric_core import TABLE_1, FrictionModel, Pose, predict_strokes
-    from pushfric_core.datasets.mitpush import POLY4
-    from pushfric_core.datasets.strokes import STROKES, Stroke, save_strokes
     from pushfric_core.files.object_file import load_object, save_object
 
     name = "wood_rect3"
@@ -61,8 +61,8 @@ def test_every_contender_is_compared_on_the_same_strokes(folder, tmp_path):
 
 
 def test_the_real_triangles_are_rolled_out_from_a_table_and_from_bags(real_pushes, tmp_path):
+    from bench.public import zhou2015
     from bench.public_pushes import sets_in
-    from pushfric_core.datasets import zhou2015
 
     zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path)
     by_name = {one.name: one for one in sets_in(tmp_path)}

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import pytest
 from calls import PROGRAM, pushfric
 
+from bench.public.zhou2015 import write_bag
 from pushfric_core import Observation, Twist
 from pushfric_core.commands import cli
-from pushfric_core.datasets.zhou2015 import write_bag
 from pushfric_core.vision.camera import Camera, save_camera
 
 COMMANDS = cli.catalog()
@@ -74,7 +74,6 @@ def call(monkeypatch, capsys):
             ["calibrate", "table", "0", "--camera", "lens.yaml", "--marks", "good.csv"],
             "--marks are clicked in a browser: give --view as well",
         ),
-        (["import", "zhou2016", "data.csv", "--out", "bag"], "unknown data set 'zhou2016'; expected zhou2015"),
         (["run", "none.yaml"], "none.yaml: cannot be read"),
         (["doctor", "no_outline.yaml", "--json"], "no_outline.yaml: "),
         (["demo", "--json=."], ".: expected the name of a file to write that ends in .json"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bench.paper import choice, pushes, spoilt, study
+from bench.paper import pushes, spoilt, study
 from pushfric_core.errors import InvalidInput
 from pushfric_core.mechanics import simulation
 
@@ -22,7 +22,6 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "shapes", lambda: {"ring": pushes.shapes()["ring"]})
     monkeypatch.setattr(study, "TABLE_1", {})
     monkeypatch.setattr(simulation, "STEP", 1.2e-3)
-    monkeypatch.setattr(choice, "PUSHES", 4)
     summary = study.study(tmp_path / "out", 1, None, 1, None, Console(quiet=True))
     assert json.loads((tmp_path / "out/study.json").read_text()) == summary
     cells = summary["simulated"]
@@ -37,11 +36,8 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     assert set(screened) == {f"{case}/{noise}" for case in cases for noise in pushes.NOISES}
     assert screened["none/FEET"] == {"runs": 1, "found": None, "harmless": None, "good": 8, "lost": 0, "changed": 0}
     assert screened["lost contact/FEET"]["found"] == 1
-    chosen = summary["choice"]["delrin_rect_right"]
-    assert chosen["runs"] == 1
-    assert 1 < chosen["chosen"] <= chosen["random"] <= 5
     report = (tmp_path / "out/study.md").read_text()
-    for name in (*cells, *screened, *summary["choice"]):
+    for name in (*cells, *screened):
         assert f"| {name} | 1 |" in report
 
 
@@ -52,14 +48,6 @@ def test_a_moved_load_shifts_the_center_of_friction_as_asked(rng):
     for shift in spoilt.SHIFTS:
         after = spoilt.with_moved_load(studied.support, shift, rng).center_of_friction
         assert np.hypot(*(after - before)) == pytest.approx(shift)
-
-
-def test_more_random_pushes_than_chosen_ones_are_unlikely_by_chance():
-    """Nine of ten runs need fewer pushes, one as many: the sign test looks at nine, 2 / 2^9."""
-    cell = choice.summary([{"chosen": 3, "random": 5}] * 9 + [{"chosen": 4, "random": 4}])
-    assert (cell["fewer"], cell["more"], cell["chosen"], cell["random"]) == (9, 0, 3.0, 5.0)
-    assert cell["sign_test"] == pytest.approx(2 / 2**9)
-    assert choice.summary([{"chosen": 4, "random": 4}])["sign_test"] == 1.0
 
 
 def test_a_summary_counts_only_what_was_told():

@@ -10,6 +10,7 @@ import yaml
 from calls import figures
 from problems import observations_of
 
+from docs import reference
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import REQUIRED
@@ -19,7 +20,7 @@ from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.report.ledger import account
 from pushfric_core.report.report import truth
 from pushfric_core.trajectories.ledger import POSES, USED, Ledger
-from pushfric_ros.commands import cell_docs, doctor
+from pushfric_ros.commands import doctor
 from pushfric_ros.commands.doctor import Check, Grade
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -104,11 +105,11 @@ def test_the_example_of_a_cell_is_the_documented_one():
 
 def test_the_tables_of_keys_are_those_of_the_settings():
     text = (ROOT / "docs/cell.md").read_text()
-    assert cell_docs.written(text) == text, f"stale; update it with: {cell_docs.COMMAND}"
+    assert reference.cell_page(text) == text, f"stale; update it with: {reference.COMMAND}"
 
 
 def test_the_tables_name_every_key_of_the_example_and_mark_the_required_ones():
-    (text,) = re.findall(f"{cell_docs.BEGIN}(.*){cell_docs.END}", (ROOT / "docs/cell.md").read_text(), re.DOTALL)
+    (text,) = re.findall(f"{reference.BEGIN}(.*){reference.END}", (ROOT / "docs/cell.md").read_text(), re.DOTALL)
     for name, section in yaml.safe_load((EXAMPLE / "cell.yaml").read_text()).items():
         assert f"| `{name}` |" in text or f"### `{name}`" in text
         assert all(f"| `{key}` |" in text for key in (section if isinstance(section, dict) else ()))

@@ -89,6 +89,7 @@ SCRIPT = {"setup": {"--system", "--distro"}, "test": set(), "docs": {"--out"}}
 OF_THE_CHECKOUT = {
     "bench": ["bench"],
     "faults": ["faults"],
+    "import": ["bench.public"],
     "reproduce": ["bench.paper", "reproduce"],
     "study": ["bench.paper", "study"],
 }

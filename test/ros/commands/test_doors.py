@@ -11,10 +11,10 @@ from calls import figures
 from geometry_msgs.msg import Point, Vector3
 from problems import observations_of
 
+from bench.public import stablepush, zhou2015
 from pushfric_core import Estimator, HalfPlanes, Recognizer, convex_quartic, named_ellipsoid, next_pushes, predict, stability
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import encoder
-from pushfric_core.datasets import stablepush, zhou2015
 from pushfric_core.estimation.region import RegionConfig, line_of_motion
 from pushfric_core.files.model_file import load_model
 from pushfric_core.files.object_file import OBJECT_FILE, load_object, save_object
@@ -81,9 +81,7 @@ def with_point(number):
 def with_two_fingers(folder, real_pushes):
     """Fitted to the stable pushes, which are intervals; asked about all of them."""
     two = stablepush.read_stable_pushes(real_pushes / "stable_pushes.csv")[TWO_FINGERS]
-    imported = {
-        one.object: one.path for one in stablepush.import_stable_pushes(real_pushes / "stable_pushes.csv", folder / "in")
-    }
+    imported = {one.object: one.path for one in stablepush.import_pushes(real_pushes / "stable_pushes.csv", folder / "in")}
     data = [stablepush._observation(two, index) for index in np.flatnonzero(two.stable).tolist()[::3]]
     asked = points_of(zhou2015.read_push_points(real_pushes / "push_points.csv")[POINT_LOGS[0]])
     return Case(data, imported[TWO_FINGERS], asked, two.pushes)

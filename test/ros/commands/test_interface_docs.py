@@ -9,7 +9,8 @@ import sys
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from pushfric_ros.commands import interface_docs, node_help
+from docs import reference
+from pushfric_ros.commands import node_help
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.visit import visit
@@ -22,7 +23,7 @@ INSTALLED = pathlib.Path(get_package_prefix("pushfric_ros")) / "lib/pushfric_ros
 def described():
     """What the nodes tell while a cell is running, whose nodes have the same names."""
     with visit("actuator", graph.NAMESPACE):
-        return {description.node: description for description in interface_docs.describe()}
+        return {description.node: description for description in node_help.describe()}
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +36,8 @@ def topics(described):
 
 
 def test_the_document_describes_the_nodes(described):
-    text = "\n".join((interface_docs.HEAD, *map(interface_docs.section, described.values())))
-    assert (ROOT / "docs/interfaces.md").read_text() == text, f"stale; write it again with: {interface_docs.COMMAND}"
+    text = reference.interfaces(described.values())
+    assert (ROOT / "docs/interfaces.md").read_text() == text, f"stale; write it again with: {reference.COMMAND}"
 
 
 def test_every_node_that_is_installed_is_described(described):
@@ -61,9 +62,9 @@ def test_known_interfaces_are_described(described):
         ("sensor_msgs/msg/Image", "not with `source: compressed`, a device as `source`"),
         ("sensor_msgs/msg/CompressedImage", "with `source: compressed`"),
     ]
-    assert interface_docs.Endpoint("serves", "estimator/reset", "std_srvs/srv/Trigger", "service") in estimator.endpoints
-    assert interface_docs.Endpoint("serves", "push", "pushfric_msgs/action/Push", "action") in described["actuator"].endpoints
-    assert interface_docs.Endpoint("calls", "push", "pushfric_msgs/action/Push", "action") in described["experiment"].endpoints
+    assert node_help.Endpoint("serves", "estimator/reset", "std_srvs/srv/Trigger", "service") in estimator.endpoints
+    assert node_help.Endpoint("serves", "push", "pushfric_msgs/action/Push", "action") in described["actuator"].endpoints
+    assert node_help.Endpoint("calls", "push", "pushfric_msgs/action/Push", "action") in described["experiment"].endpoints
     settings = {setting.name: setting for setting in (*tracker.settings, *estimator.settings)}
     assert settings["threshold"][1:5] == ("integer", False, 0, (0, 255))
     assert settings["calibration"].required

@@ -7,7 +7,6 @@ SECTIONS = {
         "view": "Look through a run in a browser, moment by moment: from its bag, without a node graph.",
         "recognize": "Rank the hypotheses in the object's file by how well they explain the data (section 5.2).",
         "bag": "Check and recover bags.",
-        "import": "Turn a public data set of real pushes into bags of observations, each with its object.yaml.",
     },
     "Planning": {
         "predict": "Predict where pushes with a point take the object: its twist, whether the tip sticks or slides,"

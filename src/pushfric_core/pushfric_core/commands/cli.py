@@ -25,7 +25,7 @@ from pushfric_core.errors import InvalidInput, MissingPackage, PushfricError
 
 GROUP = "pushfric.commands"
 
-MODULES = {"check-cell": "check_cell", "import": "import_"}
+MODULES = {"check-cell": "check_cell"}
 """Modules of the commands whose own name cannot be that of a module."""
 
 

@@ -104,7 +104,7 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
                 arm.connect()
                 drive(arm)
             except PusherError as error:
-                yield Check("arm", Grade.FAILED, str(error), "start the arm's driver and its controller: docs/hardware.md")
+                yield Check("arm", Grade.FAILED, str(error), "start the arm's driver and its controller: docs/safety.md")
                 return
             aside = arm.beside > OFF_WAY
             found = f"the tip is {1e3 * arm.beside:.1f} mm beside its line"

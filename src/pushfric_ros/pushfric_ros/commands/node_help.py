@@ -1,12 +1,110 @@
 """What `NODE_node --help` prints, found by asking the node itself."""
 
+import inspect
+import math
+import pathlib
+import tempfile
 import textwrap
 from collections.abc import Iterator
+from typing import Any, NamedTuple
 
-from pushfric_ros.commands.interface_docs import Description, describe, span
-from pushfric_ros.commands.markdown import as_yaml
+import cv2
+import numpy as np
+import yaml
+
+from pushfric_core import settings
+from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_ros.commands.demo import demo_cell
+from pushfric_ros.graph.composition import node_class
+from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.messages.types import definition, type_hash
+from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting
 
 WIDTH = 100  # characters
+
+OF_THE_BAG = "std_msgs/msg/Char"
+"""Type of a topic that exists only in the bag; no node has a topic of this type of its own."""
+
+EMPTY = bytes((0, 1, 0, 0, 0))
+"""A message of that type in CDR: little-endian, one byte."""
+
+
+class Start(NamedTuple):
+    """How a node is started."""
+
+    name: str
+    required: dict[str, Any]  # parameters
+    variants: dict[str, dict[str, Any]]  # by description: parameters with which the node has other topics
+
+
+class Description(NamedTuple):
+    """The interfaces of a node."""
+
+    node: str
+    summary: str
+    endpoints: dict[Endpoint, str]  # -> when it has this endpoint; empty: always
+    settings: list[Setting]
+
+
+def describe(*names: str) -> list[Description]:
+    """Start these nodes, or else every node, in each variant, and ask them."""
+    asked = Introspection(NAMESPACE)
+    with tempfile.TemporaryDirectory(prefix="pushfric-interfaces-") as folder:
+        starts = [start for start in _starts(pathlib.Path(folder)) if not names or start.name in names]
+        return [_describe(start, asked) for start in starts]
+
+
+def _starts(folder: pathlib.Path) -> Iterator[Start]:
+    name = "rubber_rect4"
+    cell = demo_cell(name, folder)
+    assert cell.camera is not None
+    assert cell.pusher is not None
+    camera = {"calibration": cell.camera.calibration}
+    picture, bag = folder / "picture.png", folder / "bag"
+    cv2.imwrite(str(picture), np.zeros((480, 640), np.uint8))
+    with BagWriter(bag) as writer:
+        writer.add_topic(f"{NAMESPACE}/anything", OF_THE_BAG, [], type_hash(OF_THE_BAG), definition(OF_THE_BAG))
+        writer.write(f"{NAMESPACE}/anything", 1, EMPTY)
+    sources: dict[str, dict[str, Any]] = {
+        "`source: compressed`": {"source": "compressed"},
+        "a device as `source`": {"source": f"{folder}/*.png"},
+    }
+    kinds: dict[str, dict[str, Any]] = {
+        "`force` or `force_angle` in `terms`": {"terms": ["moment", "force"]},
+        "`source: observations`": {"source": "observations"},
+    }
+    pusher, stage = settings.merged((cell.pusher, cell.driver)), settings.plain(cell.pusher.stage)
+    yield Start("tracker", {"object": name, **camera, "source": "topic"}, sources)
+    yield Start("pose_source", {}, {})
+    yield Start("tip_source", {"object": name, "tip_radius": 0.003}, {})
+    guards: dict[str, dict[str, Any]] = {"`enable_timeout`": {"enable_timeout": 1.0}, "`max_force`": {"max_force": 1.0}}
+    yield Start("actuator", pusher, guards)
+    yield Start("estimator", {"object": name}, kinds)
+    yield Start("planner", {}, {})
+    yield Start("experiment", {"object": name}, {})
+    yield Start("recorder", {"bag": str(folder / "new"), "discover": True}, {})
+    yield Start("player", {"bag": str(bag)}, {})
+    yield Start("view", {"object": name}, {})
+    yield Start("simulated_cell", {"object": name, "port_link": pusher["port"], **camera, **stage}, {})
+
+
+def _describe(start: Start, asked: Introspection) -> Description:
+    kind = node_class(start.name)
+    answers = {label: asked.ask(kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
+    found = {label: [one for one in of.endpoints if one.type != OF_THE_BAG] for label, of in answers.items()}
+    every = sorted({endpoint for label in found for endpoint in found[label]}, key=lambda one: (ROLES.index(one.role), one))
+    plain = answers[""]
+    endpoints = {one._replace(name=one.name.replace("~", plain.name)): _when(one, found) for one in every}
+    declared = [one for one in plain.settings if not one.name.startswith("qos_overrides.")]  # of topics of the bag
+    return Description(plain.name, " ".join((inspect.getdoc(kind) or "").split()), endpoints, declared)
+
+
+def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
+    having = [label for label in found if endpoint in found[label]]
+    if "" not in having:
+        return f"with {', '.join(having)}"
+    lacking = [label for label in found if label not in having]
+    return f"not with {', '.join(lacking)}" if lacking else ""
 
 
 def print_help(name: str) -> None:
@@ -34,3 +132,18 @@ def text(described: Description) -> Iterator[str]:
         note = f" ({when.replace('`', '')})" if when else ""
         yield f"  {endpoint.role} {endpoint.name}"
         yield f"      {endpoint.type}, {endpoint.qos}{note}"
+
+
+def span(setting: Setting) -> str:
+    """The range of a setting; empty if it has none."""
+    return "" if setting.limits is None else limits(*setting.limits)
+
+
+def as_yaml(value: Any) -> str:
+    """A value as it stands in one line of YAML."""
+    return yaml.safe_dump(value, default_flow_style=True, width=math.inf).removesuffix("...\n").rstrip()
+
+
+def limits(*ends: float | None) -> str:
+    """A range, as 0 to 1; any if it has no such end."""
+    return " to ".join("any" if end is None else str(end) if isinstance(end, int) else f"{end:g}" for end in ends)

@@ -4,8 +4,8 @@ import numpy as np
 import public_sets
 import pytest
 
-from pushfric_core.datasets import cpush
-from pushfric_core.datasets.strokes import read_strokes
+from bench.public import cpush
+from bench.public.strokes import read_strokes
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import read_observations
@@ -19,7 +19,7 @@ def runs(folder, *names, content=None):
 
 def test_runs_are_cut_into_strokes(tmp_path):
     out = tmp_path / "out"
-    (written,) = cpush.import_runs(runs(tmp_path, "StraightLine1.json", "StraightLine2.json"), out)
+    (written,) = cpush.import_pushes(runs(tmp_path, "StraightLine1.json", "StraightLine2.json"), out)
     assert (written.path.name, written.object, written.observations) == ("cpush_block.strokes.csv", "block", 2)
     model = load_object(str(out / "block.yaml"))
     strokes = read_strokes(written.path)
@@ -47,8 +47,12 @@ def test_one_list_of_times_may_be_nested(tmp_path):
     [
         ("StraightLinePertubation.json", None, "was poked by hand in this run"),
         ("run.json", b"[", "run.json: not a run of cpush"),
-        ("run.json", b"{}", "it has no 'timeJSON'"),
-        ("run.json", b'{"timeJSON": [], "q_sliderJSON": [], "q_pusher_sensedJSON": []}', "timeJSON is empty"),
+        ("run.json", b"{}", "not a run of cpush: KeyError: .*timeJSON"),
+        (
+            "run.json",
+            b'{"timeJSON": [], "q_sliderJSON": [], "q_pusher_sensedJSON": []}',
+            r"timeJSON must be 1 list of numbers, got an array of shape \(1, 0\)",
+        ),
         ("run.json", public_sets.run_file(300), "the tip goes less than 20 mm"),
         (
             "run.json",
@@ -59,5 +63,5 @@ def test_one_list_of_times_may_be_nested(tmp_path):
 )
 def test_other_files_are_refused(tmp_path, name, content, error):
     with pytest.raises(InvalidInput, match=error):
-        cpush.import_runs(runs(tmp_path, name, content=content), tmp_path / "out")
+        cpush.import_pushes(runs(tmp_path, name, content=content), tmp_path / "out")
     assert not (tmp_path / "out").exists()

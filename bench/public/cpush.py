@@ -11,19 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from pushfric_core.datasets.imported import Imported
-from pushfric_core.datasets.strokes import STROKES, Stroke, nearest_edges, save_set, spacing_of
-from pushfric_core.errors import InvalidInput
+from bench.public.strokes import Imported, Stroke, nearest_edges, save_model, save_set
+from pushfric_core import InvalidInput, Outline
 from pushfric_core.files.file_errors import shortened
-from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
 from pushfric_core.files.whole_file import make_folder
-from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.wording import counted
 
 NAME = "cpush"
-BLOCK, SET = "block", "cpush_block"
-SIDE = 0.09  # [m]
+BLOCK, SIDE = "block", 0.09  # [m]
 
 KEYS = {"timeJSON": 1, "q_sliderJSON": 3, "q_pusher_sensedJSON": 2}
 """Rows of each table: time [s]; x, y [m], theta [rad] of the block; x, y of the tip [m]; all in the robot's frame."""
@@ -37,12 +33,9 @@ POKED = "Pertubation"
 LARGEST = 1e12
 """Largest number accepted in a file; times are seconds since 1970."""
 
-LIMIT = 2**28
-"""Largest size of a file [bytes]."""
 
-
-def import_runs(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Imported]:
-    """Write the files of `datasets.strokes` for the block, from all runs together; push_id is the number of the run.
+def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Imported]:
+    """Write the files of `strokes` for the block, from all runs together; push_id is the number of the run.
 
     Args:
         sources: files of runs.
@@ -57,11 +50,12 @@ def import_runs(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Impo
     if not strokes:
         raise InvalidInput(f"{sources[0]}: the tip goes less than {1e3 * LENGTH:g} mm")
     make_folder(out, new=True)
-    file = ObjectFile(name=BLOCK, outline=outline.vertices.tolist(), support=SupportFile(spacing=spacing_of(outline)))
-    save_object(make_object(file, BLOCK), out / f"{BLOCK}.yaml")
-    radius = tip_radius(strokes, outline)
-    count = save_set(SET, [stroke._replace(tip_radius=radius) for stroke in strokes], outline, out)
-    return [Imported(out / f"{SET}{STROKES}", BLOCK, count)]
+    save_model(BLOCK, outline, out)
+    # by what its distance from the outline says, in the median over begins and ends
+    ends = [end for one in strokes for end in ((one.before, one.tip_before), (one.after, one.tip_after))]
+    places = np.array([transform(inverse(pose), tip) for pose, tip in ends])
+    radius = float(np.median(nearest_edges(outline, places)[2]))
+    return [save_set(f"{NAME}_{BLOCK}", [stroke._replace(tip_radius=radius) for stroke in strokes], outline, out)]
 
 
 def read_run(path: pathlib.Path) -> list[Stroke]:
@@ -71,35 +65,19 @@ def read_run(path: pathlib.Path) -> list[Stroke]:
         InvalidInput: the file is not a run.
     """
     try:
-        if path.stat().st_size > LIMIT:
-            raise ValueError(f"it has more than {LIMIT} bytes")
         content = json.loads(path.read_text())
         times, block, tip = (_table(content, key, rows) for key, rows in KEYS.items())
-    except KeyError as error:
-        raise InvalidInput(f"{path}: not a run of {NAME}: it has no {error}") from error
-    except (OSError, ValueError, TypeError, OverflowError, RecursionError) as error:
-        raise InvalidInput(f"{path}: not a run of {NAME}: {shortened(str(error))}") from error
+    except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
+        raise InvalidInput(f"{path}: not a run of {NAME}: {type(error).__name__}: {shortened(str(error))}") from error
     count = min(times.shape[1], block.shape[1], tip.shape[1])  # they may differ by a few
     return _strokes(times[0, :count], block[:, :count], tip[:, :count].T)
-
-
-def tip_radius(strokes: Sequence[Stroke], outline: Outline) -> float:
-    """Radius of the tip by what its distance from the outline says, in the median over begins and ends [m]."""
-    places = [
-        transform(inverse(pose), tip)
-        for one in strokes
-        for pose, tip in ((one.before, one.tip_before), (one.after, one.tip_after))
-    ]
-    return float(np.median(nearest_edges(outline, np.array(places))[2]))
 
 
 def _table(content: dict[str, Any], key: str, rows: int) -> Array:
     """The numbers (rows, n) under a key."""
     table = np.atleast_2d(np.array(content[key], dtype=float))
-    if table.ndim != 2 or len(table) != rows or not (np.abs(table) <= LARGEST).all():
+    if table.ndim != 2 or len(table) != rows or not table.size or not (np.abs(table) <= LARGEST).all():
         raise ValueError(f"{key} must be {counted(rows, 'list')} of numbers, got an array of shape {table.shape}")
-    if not table.shape[1]:
-        raise ValueError(f"{key} is empty")
     return table
 
 

@@ -1,7 +1,7 @@
 """Strokes of which only the begin and the end are known: as CSV files, and as observations.
 
 A folder of sets has, for each SURFACE_OBJECT, SURFACE_OBJECT.strokes.csv and SURFACE_OBJECT.tip.csv (`save_set`), perhaps
-SURFACE_OBJECT.csv with pairs of force and motion, and for each object OBJECT.yaml.
+SURFACE_OBJECT.csv with pairs of force and motion, and for each object OBJECT.yaml (`save_model`).
 """
 
 import math
@@ -11,12 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pushfric_core import Observation, Outline
 from pushfric_core.files.csv_table import read_table, save_table
+from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
 from pushfric_core.files.observation_file import save_observations
 from pushfric_core.geometry import planar
-from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, compose, exp, inverse, rotation, transform
-from pushfric_core.trajectories.observation import Observation
 
 STROKES, DATA_POINTS = ".strokes.csv", ".tip.csv"
 """After the name of a set, the names of its files."""
@@ -25,7 +25,7 @@ COLUMNS = ("x0", "y0", "th0", "x1", "y1", "th1", "tipx0", "tipy0", "tipx1", "tip
 PREDICTED = ("zhou_x1", "zhou_y1", "zhou_th1")
 """Columns of the end that another model predicts."""
 
-RUN, TIP_RADIUS = "run", "tip_radius"
+RUN = ("run", "tip_radius")
 """Number of the push of which a stroke is a part, and radius of the tip [m]; without these columns, each stroke is a push, and
 the radius that of `mitpush`."""
 
@@ -50,6 +50,14 @@ SAME_SIDE = math.radians(50)
 SECOND = 10**9
 
 
+class Imported(NamedTuple):
+    """A bag, or a set of CSV files, that was written."""
+
+    path: pathlib.Path  # of the bag, or of the file with the strokes
+    object: str
+    observations: int
+
+
 class Stroke(NamedTuple):
     """A stroke in the table frame."""
 
@@ -65,28 +73,20 @@ class Stroke(NamedTuple):
         """The screw of the whole stroke, with the contact halfway; None if that would not be an observation."""
         motion = planar.log(compose(inverse(self.before), self.after))
         halfway = compose(self.before, exp(motion, 0.5))
-        middle = np.add(self.tip_before, self.tip_after) / 2
-        poses, tips = (self.before, halfway, self.after), (self.tip_before, middle, self.tip_after)
+        tips = (self.tip_before, np.add(self.tip_before, self.tip_after) / 2, self.tip_after)
+        poses = (self.before, halfway, self.after)
         places = [transform(inverse(pose), tip) for pose, tip in zip(poses, tips, strict=True)]
         edges, feet, gaps = nearest_edges(outline, np.array(places))
-        turned = float(outline.normals[edges[0]] @ outline.normals[edges[2]])
         if (
             abs(motion.omega) > LARGEST_TURN
             or math.hypot(motion.vx, motion.vy) < LEAST_WAY
             or np.abs(gaps - self.tip_radius).max() > LARGEST_GAP
-            or turned < math.cos(SAME_SIDE)
+            or outline.normals[edges[0]] @ outline.normals[edges[2]] < math.cos(SAME_SIDE)
         ):
             return None
-        contact, (nx, ny) = feet[1], outline.normals[edges[1]].tolist()
-        vx, vy = (rotation(-halfway.theta) @ np.subtract(self.tip_after, self.tip_before)).tolist()
-        return Observation(
-            contact_point=(float(contact[0]), float(contact[1])),
-            contact_normal=(nx, ny),
-            twist=motion,
-            push_id=push_id,
-            stamp=(push_id + 1) * SECOND,
-            tip_velocity=(vx, vy),
-        )
+        moved = rotation(-halfway.theta) @ np.subtract(self.tip_after, self.tip_before)
+        (x, y), (nx, ny), (vx, vy) = (row.tolist() for row in (feet[1], outline.normals[edges[1]], moved))
+        return Observation((x, y), (nx, ny), motion, push_id, stamp=(push_id + 1) * SECOND, tip_velocity=(vx, vy))
 
 
 def nearest_edges(outline: Outline, points: Array) -> tuple[Array, Array, Array]:
@@ -102,26 +102,21 @@ def nearest_edges(outline: Outline, points: Array) -> tuple[Array, Array, Array]
     return edges, feet[rows, edges], distances[rows, edges]
 
 
-def spacing_of(outline: Outline) -> float:
-    """Distance of the support points for an object of which nothing else is known [m]."""
-    return round(math.sqrt(outline.polygon.area / SUPPORTS), 4)
-
-
 def read_strokes(path: pathlib.Path) -> list[Stroke]:
-    """The strokes of a CSV file with the COLUMNS; others but PREDICTED, and RUN with TIP_RADIUS, are ignored.
+    """The strokes of a CSV file with the COLUMNS; others but PREDICTED and RUN are ignored.
 
     Raises:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     columns, rows = read_table(path, COLUMNS, "strokes")
-    predicted, parts = all(name in columns for name in PREDICTED), all(name in columns for name in (RUN, TIP_RADIUS))
     strokes = []
     for row in rows:
-        x0, y0, th0, x1, y1, th1, *tips = row.numbers(COLUMNS)
-        end = Pose(*row.numbers(PREDICTED)) if predicted else None
-        stroke = Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), end)
-        if parts:
-            stroke = stroke._replace(run=int(row.number(RUN)), tip_radius=row.number(TIP_RADIUS))
+        numbers = row.numbers(COLUMNS)
+        end = Pose(*row.numbers(PREDICTED)) if {*PREDICTED} <= {*columns} else None
+        stroke = Stroke(Pose(*numbers[:3]), Pose(*numbers[3:6]), (numbers[6], numbers[7]), (numbers[8], numbers[9]), end)
+        if {*RUN} <= {*columns}:
+            run, radius = row.numbers(RUN)
+            stroke = stroke._replace(run=int(run), tip_radius=radius)
         strokes.append(stroke)
     return strokes
 
@@ -132,18 +127,17 @@ def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
     Raises:
         InvalidInput: the file cannot be written.
     """
-    predicted, run = strokes[0].predicted is not None, strokes[0].run is not None
-    columns = (*COLUMNS, *PREDICTED * predicted, *(RUN, TIP_RADIUS) * run)
-    save_table(columns, [_row(one) for one in strokes], path)
+    rows = [
+        (*one.before, *one.after, *one.tip_before, *one.tip_after, *(one.predicted or ()))
+        + (() if one.run is None else (one.run, one.tip_radius))
+        for one in strokes
+    ]
+    columns = (*COLUMNS, *PREDICTED * (strokes[0].predicted is not None), *RUN * (strokes[0].run is not None))
+    save_table(columns, rows, path)
 
 
-def _row(stroke: Stroke) -> list[float]:
-    run = () if stroke.run is None else (stroke.run, stroke.tip_radius)
-    return [*stroke.before, *stroke.after, *stroke.tip_before, *stroke.tip_after, *(stroke.predicted or ()), *run]
-
-
-def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, out: pathlib.Path) -> int:
-    """Write the strokes of a set and those of them that are observations into a folder; return the number of the latter.
+def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, out: pathlib.Path) -> Imported:
+    """Write the strokes of a set, SURFACE_OBJECT, into a folder, and those of them that are observations.
 
     Raises:
         InvalidInput: a file cannot be written.
@@ -151,7 +145,14 @@ def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, out: pathli
     save_strokes(strokes, out / f"{name}{STROKES}")
     points = [point for point in data_points(strokes, outline) if point is not None]
     save_observations(points, out / f"{name}{DATA_POINTS}")
-    return len(points)
+    return Imported(out / f"{name}{STROKES}", name.rpartition("_")[2], len(points))
+
+
+def save_model(name: str, outline: Outline, out: pathlib.Path) -> None:
+    """Write the file of an object of which nothing but the outline is known, to a micrometre, into a folder."""
+    support = SupportFile(spacing=round(math.sqrt(outline.polygon.area / SUPPORTS), 4))
+    corners = [(round(x, 6), round(y, 6)) for x, y in outline.vertices.tolist()]
+    save_object(make_object(ObjectFile(name=name, outline=corners, support=support), name), out / f"{name}.yaml")
 
 
 def data_points(strokes: Sequence[Stroke], outline: Outline) -> list[Observation | None]:

@@ -5,8 +5,8 @@ import numpy as np
 import public_sets
 import pytest
 
-from pushfric_core.datasets import mitpush
-from pushfric_core.datasets.strokes import read_strokes
+from bench.public import mitpush
+from bench.public.strokes import read_strokes
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.observation_file import read_observations
@@ -77,10 +77,12 @@ def test_the_outlines_are_those_of_the_published_tables(mit_pushes, tmp_path, sh
 
 def test_a_listed_outline_is_read_from_the_clone(tmp_path):
     (tmp_path / "pnpush_matlab").mkdir()
-    (tmp_path / mitpush.OUTLINES).write_bytes(public_sets.BUTTER)
+    rows = b"shape = [[-0.04, 0.04]; [0.04, 4e-2]; ...\n [0.03, -0.04]; [-0.03, -0.04]];"
     expected = Outline(np.array(((-0.04, 0.04), (0.04, 0.04), (0.03, -0.04), (-0.03, -0.04))))
-    assert mitpush.outline_of("butter", tmp_path) == expected
-    with pytest.raises(InvalidInput, match="the outline of margarine: expected a matrix of its corners"):
+    for text in (public_sets.BUTTER, b"elseif strcmp(id,'butter')\n" + rows + b"\nelseif strcmp(id,'rect1')\na = 0.09/2.0;"):
+        (tmp_path / mitpush.OUTLINES).write_bytes(text)
+        assert mitpush.outline_of("butter", tmp_path) == expected
+    with pytest.raises(InvalidInput, match="the outline of margarine: an outline needs"):
         mitpush.outline_of("margarine", tmp_path)
 
 

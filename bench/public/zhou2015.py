@@ -8,27 +8,22 @@ poses of the tool; so each push gives one observation: its finite motion, with t
 import gzip
 import math
 import pathlib
-import re
 import zlib
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
+from bench.public.strokes import SECOND, Imported
+from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.message_types import record
 from pushfric_core.bags.offered_qos import OfferedQos
 from pushfric_core.bags.samples import observation_to_msg
-from pushfric_core.datasets.imported import Imported
-from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.csv_table import Row, read_table
-from pushfric_core.files.file_errors import as_named_here
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, SupportFile, make_object, save_object
 from pushfric_core.geometry import planar
-from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform, velocity_at
-from pushfric_core.trajectories.observation import Observation
 
 NAME = "zhou2015"
 TOPIC, TYPE = "/cell/observation", "pushfric_msgs/msg/Observation"
@@ -52,25 +47,11 @@ SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
 """From the sensor's reading to the force ON the object, in the frame of the tool."""
 
 COLUMNS = ("object", "log", "push", "cx_mm", "cy_mm", "nx", "ny", "dx_mm", "dy_mm", "dtheta_rad", "fx_N", "fy_N")
-NAMES = {
-    "contact_point": "cx_mm, cy_mm",
-    "contact_normal": "nx, ny",
-    "the twist": "dx_mm, dy_mm, dtheta_rad",
-    "force": "fx_N, fy_N",
-    "push_id": "push",
-}
-"""The columns of each field of an observation."""
-
 TIPS = ("tip0x_mm", "tip0y_mm", "tip1x_mm", "tip1y_mm")
 MILLIMETRE = 1e-3
 
-LOG_LIMIT = 64 * 2**20
-"""Largest size of a log after decompression [bytes]; the longest of the data set has 2 MB."""
-
 LARGEST = 1e12
 """Largest number accepted in a log; times are seconds since 1970."""
-
-SECOND = 10**9
 
 
 def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
@@ -82,13 +63,9 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     Raises:
         InvalidInput: the source cannot be read, or a bag exists already.
     """
-    if not source.is_file():
-        raise InvalidInput(f"{source}: no such file; expected a log of {NAME} or its push_points.csv")
-    if source.suffix != ".csv":
-        return [write_bag(out, _object_of(source), read_log(source))]
-    logs = read_push_points(source)
+    logs = read_push_points(source) if source.suffix == ".csv" else {source.name: read_log(source)}
     return [
-        write_bag(out if len(logs) == 1 else out / pathlib.Path(log).stem, _object_of(pathlib.Path(log)), observations)
+        write_bag(out if len(logs) == 1 else out / pathlib.Path(log).stem, log.partition("__exp")[0], observations)
         for log, observations in logs.items()
     ]
 
@@ -101,24 +78,14 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
     """
     logs: dict[str, list[Observation]] = {}
     for row in read_table(path, COLUMNS, "data points", f"push_points.csv of {NAME}").rows:
-        cx, cy, nx, ny, dx, dy, turn, fx, fy = row.numbers(COLUMNS[3:])
+        push, cx, cy, nx, ny, dx, dy, turn, fx, fy = row.numbers(COLUMNS[2:])
+        contact, motion = (cx * MILLIMETRE, cy * MILLIMETRE), Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
+        tip, stamp = _tip_velocity(row, motion, contact), (int(push) + 1) * SECOND
         try:
-            push = int(row.texts["push"] or "")
-            motion = Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
-            observation = Observation(
-                contact_point=(cx * MILLIMETRE, cy * MILLIMETRE),
-                contact_normal=(nx, ny),
-                twist=motion,
-                push_id=push,
-                stamp=(push + 1) * SECOND,
-                force=(fx, fy),
-                tip_velocity=_tip_velocity(row, motion, (cx * MILLIMETRE, cy * MILLIMETRE)),
-            )
-        except InvalidInput:
-            raise
-        except (TypeError, ValueError, PushfricError) as error:
-            raise InvalidInput(f"{row.where}: {as_named_here(error, NAMES)}") from error
-        logs.setdefault(row.texts["log"] or "", []).append(observation)
+            one = Observation(contact, (nx, ny), motion, int(push), stamp=stamp, force=(fx, fy), tip_velocity=tip)
+        except (ValueError, PushfricError) as error:
+            raise InvalidInput(f"{row.where}: {error}") from error
+        logs.setdefault(row.texts["log"] or "", []).append(one)
     return logs
 
 
@@ -130,71 +97,53 @@ def read_log(path: pathlib.Path) -> list[Observation]:
     """
     try:
         with gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb") as stream:
-            content = stream.read(LOG_LIMIT + 1)
-        if len(content) > LOG_LIMIT:
-            raise ValueError(f"it holds more than {LOG_LIMIT} bytes")
-        numbers = (match[0] for match in re.finditer(r"\S+", content.decode()))
-        outline = Outline(np.array(CORNERS))
-        pushes = (_push(numbers) for _ in range(int(next(numbers))))
-        found = [_observation(index, push, outline) for index, push in enumerate(pushes)]
+            content = np.array(stream.read().split(), dtype=float)
+        if not (np.abs(content) <= LARGEST).all():
+            raise ValueError(f"expected numbers within {LARGEST:g}")
+        numbers, outline = iter(content.tolist()), Outline(np.array(CORNERS))
+        pushes = (_observation(index, numbers, outline) for index in range(int(next(numbers))))
+        observations = [one for one in pushes if one is not None]
     except (OSError, ValueError, EOFError, zlib.error) as error:
         raise InvalidInput(f"{path}: not a log of {NAME}: {error}") from error
     except (StopIteration, RuntimeError) as error:
         raise InvalidInput(f"{path}: ends in the middle of a push") from error
-    observations = [observation for observation in found if observation is not None]
     if not observations:
         raise InvalidInput(f"{path}: no push met an edge of the triangle")
     return observations
 
 
-class _Push(NamedTuple):
-    """A push in a log, in metres."""
-
-    before: Pose  # of the object, in the robot's frame
-    after: Pose
-    forces: Array  # (m, 3) time [s], sensor reading [N]
-    tool: Array  # (k, 4) time [s], position [m], orientation [rad]
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not abs(value) <= LARGEST:
-        raise ValueError(f"expected numbers within {LARGEST:g}, got {text[:40]}")
-    return value
-
-
-def _push(numbers: Iterator[str]) -> _Push:
-    def table(columns: int) -> Array:
-        rows = int(next(numbers))
-        return np.array([_number(next(numbers)) for _ in range(rows * columns)]).reshape(rows, columns)
-
-    before, after = (np.array([_number(next(numbers)) for _ in range(7)]) for _ in range(2))
-    forces, tool = table(3), table(8)
-    if not len(forces) or not len(tool):
-        raise ValueError("a push without forces or tool poses")
-    headings = np.array([_heading(row[4:]) for row in tool])
-    return _Push(_pose(before), _pose(after), forces, np.column_stack((tool[:, 0], tool[:, 1:3] * MILLIMETRE, headings)))
-
-
 def _pose(row: Array) -> Pose:
-    return Pose(float(row[0]) * MILLIMETRE, float(row[1]) * MILLIMETRE, _heading(row[3:]))
+    x, y, _, w, i, j, k = row.tolist()
+    return Pose(x * MILLIMETRE, y * MILLIMETRE, math.atan2(2 * (w * k + i * j), w * w + i * i - j * j - k * k))
 
 
-def _heading(quaternion: Array) -> float:
-    w, x, y, z = quaternion
-    return math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+def _observation(index: int, numbers: Iterator[float], outline: Outline) -> Observation | None:
+    """The observation of the next push of a log; None without a finger at an edge, a motion or a force during the contact.
 
+    A push is the object's pose before and after it, in the robot's frame, position [mm] and quaternion; a table of forces: time
+    [s] and reading [N]; and one of the tool: time and pose.
+    """
 
-def _observation(index: int, push: _Push, outline: Outline) -> Observation | None:
-    """The observation of a push; None without a finger at an edge, a motion or a force during the contact."""
-    motion = planar.log(compose(inverse(push.before), push.after))
-    forces = push.forces[:, 1:] - push.forces[0, 1:]
+    def table(rows: int, columns: int) -> Array:
+        return np.array([next(numbers) for _ in range(rows * columns)]).reshape(rows, columns)
+
+    before, after = map(_pose, table(2, 7))
+    readings, poses = table(int(next(numbers)), 3), table(int(next(numbers)), 8)
+    if not len(readings) or not len(poses):
+        raise ValueError("a push without forces or tool poses")
+    tool = np.array([(row[0], *_pose(row[1:])) for row in poses])
+    motion = planar.log(compose(inverse(before), after))
+    forces = readings[:, 1:] - readings[0, 1:]
     size = np.hypot(*forces.T)
-    touched, end = float(push.forces[np.argmax(size > TOUCHING * size.max()), 0]), float(push.tool[-1, 0])
+    touched, end = float(readings[np.argmax(size > TOUCHING * size.max()), 0]), float(tool[-1, 0])
     middle = (touched + end) / 2
-    pressed = push.forces[:, 0] >= touched + BUILDING_UP * max(end - touched, 0.0)
-    x, y, heading = (float(np.interp(middle, push.tool[:, 0], column)) for column in push.tool.T[1:])
-    pose = compose(push.before, exp(motion, 0.5))
+    pressed = readings[:, 0] >= touched + BUILDING_UP * max(end - touched, 0.0)
+
+    def tool_at(time: float) -> Array:
+        return np.array([np.interp(time, tool[:, 0], column) for column in tool.T[1:]])
+
+    x, y, heading = tool_at(middle).tolist()
+    pose = compose(before, exp(motion, 0.5))
     tip = transform(inverse(pose), (x, y))
     # the foot of the perpendicular on the nearest edge
     gaps = np.sum((tip - outline.vertices) * outline.normals, axis=1)
@@ -203,38 +152,21 @@ def _observation(index: int, push: _Push, outline: Outline) -> Observation | Non
     if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion) or not pressed.any():
         return None
     # the tip's places in the object's frame at first touch and at the end: its motion there adds to the contact's motion
-    first, last = (
-        np.array([np.interp(time, push.tool[:, 0], column) for column in push.tool.T[1:3]]) for time in (touched, end)
-    )
-    travel = transform(inverse(push.after), last) - transform(inverse(push.before), first)
-    tip_velocity = velocity_at(motion, contact) + travel
-    in_tool = SENSOR_TO_TOOL @ forces[pressed].mean(axis=0)
-    fx, fy = rotation(heading - pose.theta) @ in_tool
-    nx, ny = outline.normals[edge]
-    return Observation(
-        contact_point=(float(contact[0]), float(contact[1])),
-        contact_normal=(float(nx), float(ny)),
-        twist=motion,
-        push_id=index,
-        stamp=round(middle * SECOND),
-        pose=pose,
-        force=(float(fx), float(fy)),
-        tip_velocity=(float(tip_velocity[0]), float(tip_velocity[1])),
-    )
+    travel = transform(inverse(after), tool_at(end)[:2]) - transform(inverse(before), tool_at(touched)[:2])
+    velocity = velocity_at(motion, contact) + travel
+    force = rotation(heading - pose.theta) @ (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
+    at, normal, pushed, moved = ((float(x), float(y)) for x, y in (contact, outline.normals[edge], force, velocity))
+    stamp = round(middle * SECOND)
+    return Observation(at, normal, motion, index, stamp=stamp, pose=pose, force=pushed, tip_velocity=moved)
 
 
 def _tip_velocity(row: Row, motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:
     """The contact's motion plus that of the tip in the object's frame; None if the file has no tips."""
-    if any(not row.texts.get(name) for name in TIPS):
+    if not all(row.texts.get(name) for name in TIPS):
         return None
     x0, y0, x1, y1 = (number * MILLIMETRE for number in row.numbers(TIPS))
-    vx, vy = velocity_at(motion, np.asarray(contact))
-    return float(vx) + x1 - x0, float(vy) + y1 - y0
-
-
-def _object_of(log: pathlib.Path) -> str:
-    """The part of a log's name that says what the triangle stood on."""
-    return log.name.partition("__exp")[0]
+    vx, vy = velocity_at(motion, np.asarray(contact)).tolist()
+    return vx + x1 - x0, vy + y1 - y0
 
 
 def object_on(name: str) -> ObjectModel:

@@ -3,8 +3,8 @@ import csv
 import numpy as np
 import pytest
 
+from bench.public import stablepush
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.datasets import stablepush
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -21,7 +21,7 @@ def written(path, *rows):
 
 
 def test_the_real_pushes_become_bags_and_pushes(real_pushes, tmp_path):
-    imported = stablepush.import_stable_pushes(real_pushes / "stable_pushes.csv", tmp_path)
+    imported = stablepush.import_pushes(real_pushes / "stable_pushes.csv", tmp_path)
     assert {one.object: one.observations for one in imported} == {"patch": 51, "30_90_30_30_30_90": 141}
     for bag, name, count in imported:
         model = load_object(str(bag / OBJECT_FILE))
@@ -40,9 +40,9 @@ def test_units_and_signs(tmp_path):
     assert found.pushes.turns.tolist() == [1, -1]
     assert found.twists[0] == pytest.approx((-0.035, 0.14, 0.35))
     assert found.stable.tolist() == [True, False]
-    ((bag, _, count),) = stablepush.import_stable_pushes(tmp_path / "in.csv", tmp_path / "bag")
+    ((bag, _, count),) = stablepush.import_pushes(tmp_path / "in.csv", tmp_path / "bag")
     assert count == 1
-    assert (bag / stablepush.PUSHES).read_text().splitlines()[1] == "0.075,0.0,0.0,-1.0,0.025,-0.4,0.1,1.0,1"
+    assert (bag / stablepush.PUSHES).read_text().splitlines()[1] == "0.075,0,0,-1,0.025,-0.4,0.1,1,1"
 
 
 @pytest.mark.parametrize(
@@ -52,12 +52,12 @@ def test_units_and_signs(tmp_path):
         ([("triangle", "x", *ROW[2:])], "line 2: cx_mm must be a number, got 'x'"),
         ([("triangle", "nan", *ROW[2:])], "line 2: cx_mm must be finite, got nan"),
         ([(*ROW[:-1], 0)], "no push of triangle was stable"),
-        ([(*ROW[:3], 0, -2, *ROW[5:])], "triangle: nx, ny must have length 1"),
+        ([(*ROW[:3], 0, -2, *ROW[5:])], "triangle: contact_normal must have length 1"),
     ],
 )
 def test_wrong_files_are_refused(tmp_path, rows, expected):
     with pytest.raises(InvalidInput, match=expected):
-        stablepush.import_stable_pushes(written(tmp_path / "in.csv", *rows), tmp_path / "bag")
+        stablepush.import_pushes(written(tmp_path / "in.csv", *rows), tmp_path / "bag")
     assert not (tmp_path / "bag").exists()
 
 

@@ -3,20 +3,17 @@
 Two fingers in contact with one edge were turned about a commanded centre. If the object followed them, the push was stable.
 """
 
-import csv
 import pathlib
 from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.datasets.imported import Imported
-from pushfric_core.datasets.zhou2015 import MILLIMETRE, SECOND, write_bag
-from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.files.csv_table import read_table
-from pushfric_core.files.file_errors import as_named_here
+from bench.public.strokes import SECOND, Imported
+from bench.public.zhou2015 import MILLIMETRE, write_bag
+from pushfric_core import InvalidInput, Observation, PushfricError
+from pushfric_core.files.csv_table import read_table, save_table
 from pushfric_core.files.pushes_file import TURNED, EdgePushes
 from pushfric_core.geometry.planar import Array, Twist
-from pushfric_core.trajectories.observation import Observation
 
 NAME = "stablepush"
 PUSHES = "pushes.csv"
@@ -27,14 +24,6 @@ COLUMNS = (
     *("dx_mm", "dy_mm", "dtheta_rad", "stable"),
 )
 
-NAMES = {
-    "contact_point": "cx_mm, cy_mm",
-    "contact_normal": "nx, ny",
-    "the twist": "dx_mm, dy_mm, dtheta_rad",
-    "half_width": "half_width_mm",
-}
-"""The columns of each field of an observation."""
-
 
 class TwoFingerPushes(NamedTuple):
     """All pushes of one object."""
@@ -42,6 +31,12 @@ class TwoFingerPushes(NamedTuple):
     pushes: EdgePushes
     twists: Array  # (k, 3) measured displacement of the object-frame origin [m, m, rad]
     stable: np.ndarray  # (k,) bool, measured
+
+    @classmethod
+    def of(cls, rows: Array) -> "TwoFingerPushes":
+        lengths = rows[:, [0, 1, 4, 5, 6]] * MILLIMETRE
+        edge = EdgePushes(lengths[:, :2], rows[:, 2:4], lengths[:, 2], lengths[:, 3:], np.sign(rows[:, 7]))
+        return cls(edge, rows[:, 8:11] * (MILLIMETRE, MILLIMETRE, 1.0), rows[:, 11] > 0)
 
 
 def read_stable_pushes(path: pathlib.Path) -> dict[str, TwoFingerPushes]:
@@ -53,17 +48,10 @@ def read_stable_pushes(path: pathlib.Path) -> dict[str, TwoFingerPushes]:
     objects: dict[str, list[list[float]]] = {}
     for row in read_table(path, COLUMNS, "pushes", f"stable_pushes.csv of {NAME}").rows:
         objects.setdefault(row.texts["object"] or "", []).append(row.numbers(COLUMNS[1:]))
-    return {name: _pushes(np.array(rows)) for name, rows in objects.items()}
+    return {name: TwoFingerPushes.of(np.array(rows)) for name, rows in objects.items()}
 
 
-def _pushes(rows: Array) -> TwoFingerPushes:
-    lengths = rows[:, [0, 1, 4, 5, 6]] * MILLIMETRE
-    edge = EdgePushes(lengths[:, :2], rows[:, 2:4], lengths[:, 2], lengths[:, 3:], np.sign(rows[:, 7]))
-    twists = rows[:, 8:11] * (MILLIMETRE, MILLIMETRE, 1.0)
-    return TwoFingerPushes(edge, twists, rows[:, 11] > 0)
-
-
-def import_stable_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
+def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     """Write, for each object, a bag of the pushes that were stable, with its object's YAML file and PUSHES next to it.
 
     A stable push is an observation whose contact is an interval: between the two fingers. An unstable one is not an
@@ -82,29 +70,16 @@ def import_stable_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Import
         try:
             observations = [_observation(found, index) for index in np.flatnonzero(found.stable).tolist()]
         except (ValueError, PushfricError) as error:
-            raise InvalidInput(f"{source}: {name}: {as_named_here(error, NAMES)}") from error
+            raise InvalidInput(f"{source}: {name}: {error}") from error
         if not observations:
             raise InvalidInput(f"{source}: no push of {name} was stable")
         written.append(write_bag(folder, name, observations))
-        with (folder / PUSHES).open("w", newline="") as stream:
-            writer = csv.writer(stream)
-            writer.writerow((*TURNED, "stable"))
-            pushes = found.pushes
-            numbers = np.column_stack(
-                (pushes.contact_points, pushes.contact_normals, pushes.half_widths, pushes.centers, pushes.turns)
-            )
-            writer.writerows([*row, int(stable)] for row, stable in zip(numbers.tolist(), found.stable, strict=True))
+        numbers = np.column_stack((*found.pushes, found.stable)).tolist()
+        save_table((*TURNED, "stable"), numbers, folder / PUSHES)
     return written
 
 
 def _observation(found: TwoFingerPushes, index: int) -> Observation:
-    pushes = found.pushes
-    (cx, cy), (nx, ny) = pushes.contact_points[index].tolist(), pushes.contact_normals[index].tolist()
-    return Observation(
-        contact_point=(cx, cy),
-        contact_normal=(nx, ny),
-        twist=Twist(*found.twists[index].tolist()),
-        push_id=index,
-        half_width=float(pushes.half_widths[index]),
-        stamp=(index + 1) * SECOND,
-    )
+    (x, y), (nx, ny), half_width, *_ = (row[index].tolist() for row in found.pushes)
+    twist = Twist(*found.twists[index].tolist())
+    return Observation((x, y), (nx, ny), twist, index, half_width, stamp=(index + 1) * SECOND)

@@ -1,0 +1,175 @@
+"""Writes what docs/interfaces.md says of every node, as the nodes tell, and the keys of a cell's file in docs/cell.md."""
+
+import pathlib
+import sys
+import textwrap
+import typing
+from collections.abc import Iterable
+from typing import Any
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python docs/reference.py`, from any folder
+
+from docs.markdown import replaced, table
+from pushfric_core import settings
+from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
+from pushfric_core.cell.plugins import PUSHERS, plugin
+from pushfric_core.vision.sighting import UNMEASURED
+from pushfric_ros.arms.arm import ArmConfig
+from pushfric_ros.commands.node_help import Description, as_yaml, describe, limits, span
+from pushfric_ros.graph.graph import NAMESPACE
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
+
+COMMAND = "python docs/reference.py"
+
+BEGIN, END = f"<!-- The tables below are written by `{COMMAND}`. -->\n", "<!-- End of these tables. -->\n"
+
+HEAD = f"""\
+# Interfaces of every node
+
+Written by `{COMMAND}`; do not edit.
+[graph.md](graph.md) explains the nodes and topics.
+
+Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only, set when a node starts; a
+*required* one has no default. [cell.md](cell.md#all-keys) describes the keys of a cell's file. Every node publishes
+`/diagnostics`. The lists leave out what every ROS 2 node has, the actuator's lifecycle services, and the topics of a bag, which
+the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs.
+[src/pushfric_msgs](../src/pushfric_msgs) has the fields of all its types.
+
+QoS: *latched* is reliable and transient local ([graph.md](graph.md)). A number is the depth, unless
+it is {RELIABLE.depth} (reliable) or {LATCHED.depth} (latched).
+
+`object_pose` is the pose of the frame `object` in `table` ([frames](conventions.md#frames)). The variance of z, roll and pitch
+is {UNMEASURED:g}: they are not measured.
+"""
+
+EVERYWHERE = ("/diagnostics", "publishes")
+"""Name and role of an endpoint of every node."""
+
+COLUMNS = ("key", "type", "default", "what")
+
+TYPES = {bool: "boolean", int: "integer", float: "number", str: "text"}
+
+
+def cell_tables() -> str:
+    """A table for each section, without the keys of the section before if it has them all."""
+    parts, before, named = [], set[tuple[str, ...]](), ""
+    for name, rows in (cell_sections() | arms()).items():
+        more = before <= {*rows} and bool(before)
+        title = f"### `{name}`\n\n" + (f"The keys of `{named}`, and\n\n" if more else "") if name else ""
+        shown = [
+            (key, ", ".join(filter(None, (kind, span))), default, what)
+            for key, kind, default, span, what in rows
+            if not more or (key, kind, default, span, what) not in before
+        ]
+        parts.append(title + table(COLUMNS, shown))
+        if not more:
+            before, named = {*rows}, name
+    return "\n".join(parts)
+
+
+def cell_sections() -> dict[str, list[tuple[str, ...]]]:
+    """The rows of the tables; the keys outside of any section first, with an empty name."""
+    rows = {name: _rows([*configs, *driver_kinds(name, {})]) for name, configs in SECTIONS.items()}
+    return {"": _rows(ROOT)} | rows
+
+
+def arms() -> dict[str, list[tuple[str, ...]]]:
+    """The rows of `pusher` that belong to the drivers of arms: those of any, then those of each."""
+    drivers = {f"pusher: {{driver: {name}}}": _rows([plugin(PUSHERS, name)]) for name in ("twist", "trajectory")}
+    return {"pusher: an arm": _rows([ArmConfig])} | drivers
+
+
+def cell_page(document: str) -> str:
+    """docs/cell.md with its tables replaced."""
+    return replaced(document, BEGIN, END, f"\n{cell_tables()}\n")
+
+
+def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for config in configs:
+        hints = typing.get_type_hints(config)
+        for field in settings.fields_of(config):
+            default = "*required*" if settings.is_required(field) else f"`{as_yaml(settings.plain_value(field.default))}`"
+            what = field.metadata["description"]
+            rows.append((f"`{settings.key_of(field)}`", _kind(hints[field.name]), default, _range(field), what))
+    return rows
+
+
+def _kind(hint: Any) -> str:
+    if settings.is_optional(hint):
+        return f"`{settings.AUTO}` or {_kind(settings.written(hint))}"
+    if typing.get_origin(hint) is tuple:
+        items = typing.get_args(hint)
+        count = "" if items[-1] is Ellipsis else f"{len(items)} "
+        return f"list of {count}{TYPES[settings.written(items[0])]}s"
+    return TYPES.get(hint) or f"one of {', '.join(f'`{member.value}`' for member in hint)}"
+
+
+def _range(field: Any) -> str:
+    low, high = field.metadata["low"], field.metadata["high"]
+    return "" if low is None else limits(low, high)
+
+
+def interfaces(described: Iterable[Description]) -> str:
+    """The text of docs/interfaces.md."""
+    return "\n".join((HEAD, *map(section, described)))
+
+
+def section(described: Description) -> str:
+    """The part of the document about one node."""
+    rows = [(*endpoint, when) for endpoint, when in described.endpoints.items()]
+    topics: list[tuple[str, ...]] = [
+        (role, f"`{name}`", kind, "; ".join(filter(None, (quality(qos), when))))
+        for role, name, kind, qos, when in rows
+        if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/")
+    ]
+    together: dict[tuple[str, ...], list[str]] = {}
+    for role, name, *rest in topics:
+        together.setdefault((role, *rest), []).append(name)
+    topics = [(role, ", ".join(names), *rest) for (role, *rest), names in together.items()]
+    settings = [
+        (
+            f"`{one.name}`",
+            ", ".join(filter(None, (one.type, span(one)))),
+            "*required*" if one.required else f"`{as_yaml(one.default)}`",
+            one.description,
+        )
+        for one in described.settings
+    ]
+    keys = {(key, default, what) for rows in cell_sections().values() for key, _, default, _, what in rows}
+    of_cell = [key for key, _, default, what in settings if (key, default, what) in keys]
+    own = [row for row in settings if row[0] not in of_cell]
+    parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n"]
+    if topics:
+        parts.append(table(("", "name", "type", "QoS; when"), topics))
+    if of_cell:
+        parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
+    if own:
+        parts.append(table(("parameter", "type", "default", "what"), own))
+    return "\n".join(parts)
+
+
+def by_section(keys: list[str]) -> list[str]:
+    """Keys of a cell's file; where a whole section is among them, its name stands for it."""
+    whole = {name: {row[0] for row in rows} for name, rows in cell_sections().items() if name}
+    whole = {name: section for name, section in whole.items() if section <= {*keys}}
+    return [f"all of `{name}`" for name in whole] + [
+        key for key in keys if not any(key in section for section in whole.values())
+    ]
+
+
+def quality(qos: str) -> str:
+    """A quality of service in few words: see HEAD."""
+    usual = {f"reliable, depth {RELIABLE.depth}": "reliable", f"reliable, transient local, depth {LATCHED.depth}": "latched"}
+    return usual.get(qos, qos.replace("reliable, transient local", "latched").replace("depth ", ""))
+
+
+def wrapped(paragraph: str) -> str:
+    """A paragraph in lines of at most 120 columns."""
+    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False)
+
+
+if __name__ == "__main__":
+    docs = pathlib.Path(__file__).parent
+    (docs / "interfaces.md").write_text(interfaces(describe()), encoding="utf-8")
+    (docs / "cell.md").write_text(cell_page((docs / "cell.md").read_text(encoding="utf-8")), encoding="utf-8")
