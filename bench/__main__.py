@@ -20,6 +20,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started 
 from bench import (
     costs,
     footprint,
+    pipeline,
     planning,
     prediction,
     public_pushes,
@@ -121,6 +122,9 @@ def bench(
             show_default=False,
         ),
     ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Also measure image to estimate in the live graph, in real time: 2 minutes.")
+    ] = False,
     footprint_only: Annotated[
         bool,
         typer.Option(
@@ -199,7 +203,7 @@ def bench(
     sections = [cost._replace(steps=len(supports) * (len(points) + 1))]
     if pushes is not None:
         sections += [Section.of("real_pushes", real_pushes, pushes), Section.of("prediction", prediction, pushes)]
-    return _run(sections, json)
+    return _run(sections + [Section.of("pipeline", pipeline)] * live, json)
 
 
 def _run(sections: Sequence[Section], json: str | None) -> int:

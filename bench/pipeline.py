@@ -50,6 +50,17 @@ BEST_EFFORT = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 Figures = dict[str, Any]
 
 
+STEPS = 1
+
+
+def measure(progress: Callable[[str], None]) -> Figures:
+    """Run the demo's cell once in real time; see `Listener.latency`, and the cores that its nodes took."""
+    progress("live graph")
+    listener = Listener()
+    run(listener)
+    return {**listener.latency(), "cores": listener.cores}
+
+
 class Listener:
     """Records when messages of the cell were published [ns], by their stamps [ns].
 

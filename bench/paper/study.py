@@ -127,20 +127,12 @@ def _estimate(data: Iterable[Observation], points: Array, terms: tuple[str, ...]
 def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tuple[str, ...] = ("moment",)) -> Numbers:
     """Errors of an estimate [mm], and its own figures for them; `given` is false if it has none."""
     estimate = _estimate(data, points, terms)
-    spread, sampled = estimate.spread, estimate.posterior
-
-    def judged(center: Array, covariance: Array, error: str, prefix: str = "") -> Numbers:
-        off = center - truth
-        radius = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(covariance))))
-        held = bool(off @ np.linalg.solve(covariance, off) <= ELLIPSE)
-        return {error: float(np.hypot(*off)), f"{prefix}held": held, f"{prefix}radius": radius}
-
-    numbers: Numbers = {"error": float(np.hypot(*(estimate.center_of_friction - truth))), "given": spread is not None}
+    spread, off = estimate.spread, estimate.center_of_friction - truth
+    numbers: Numbers = {"error": float(np.hypot(*off)), "given": spread is not None}
     if spread is not None:
-        numbers |= judged(estimate.center_of_friction, spread.covariance, "error")
+        numbers["held"] = bool(off @ np.linalg.solve(spread.covariance, off) <= ELLIPSE)
+        numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(spread.covariance))))
         numbers["middle"] = float(np.hypot(*(spread.middle @ points - truth)))
-    if sampled is not None:
-        numbers |= judged(sampled.center_of_friction, sampled.covariance, "sampled", "sampled_")
     return numbers
 
 
@@ -148,20 +140,16 @@ def _summary(runs: Sequence[Numbers]) -> Numbers:
     """The figures of the runs of one cell; lengths in mm."""
     given = [one for one in runs if one["given"]]
     numbers: Numbers = {"runs": len(runs), "given": len(given), **_quantiles("error", runs)}
-    sampled = [one for one in given if "sampled" in one]
-    for name, of, trust in (("middle", given, ("error", "")), ("sampled", sampled, ("sampled", "sampled_"))):
-        if of:
-            median, optimum = (float(np.median([one[key] for one in of])) for key in (name, "error"))
-            numbers |= {**_quantiles(name, of), **_trust(of, *trust), f"{name}_to_optimum": median / optimum}
+    if given:
+        errors = float(np.quantile([one["error"] for one in given], 0.9))
+        radius, median, optimum = (float(np.median([one[key] for one in given])) for key in ("radius", "middle", "error"))
+        numbers |= {
+            **_quantiles("middle", given),
+            "held": float(np.mean([one["held"] for one in given])),
+            "radius_to_errors": radius / errors if errors > 0 else math.inf,
+            "middle_to_optimum": median / optimum,
+        }
     return numbers
-
-
-def _trust(runs: Sequence[Numbers], error: str, prefix: str) -> Numbers:
-    """How often an ellipse holds the truth, and its radius compared with the errors."""
-    errors = float(np.quantile([one[error] for one in runs], 0.9))
-    radius = float(np.median([one[f"{prefix}radius"] for one in runs]))
-    held = float(np.mean([one[f"{prefix}held"] for one in runs]))
-    return {f"{prefix}held": held, f"{prefix}radius_to_errors": radius / errors if errors > 0 else math.inf}
 
 
 def _quantiles(name: str, runs: Sequence[Numbers]) -> Numbers:

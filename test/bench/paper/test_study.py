@@ -29,7 +29,7 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     assert set(cells) == {f"{plan}/{noise}" for plan in plans for noise in pushes.NOISES}
     for name, cell in cells.items():
         assert cell["given"] == (0 if "one_place" in name else 1), name
-        assert ("sampled_median" in cell) == (cell["given"] == 1)
+        assert ("middle_median" in cell) == (cell["given"] == 1)
     assert cells["delrin_rect_right/all/FEET"]["error_median"] < 1.0  # mm
     screened = summary["screened"]
     cases = {*spoilt.SPOILT, "none", "shift of 8 mm", "shift of 4 mm"}
