@@ -31,8 +31,8 @@ from bench import (
     updates,
     view_cost,
 )
-from bench.data_points import GRIDS
 from bench.display import Verdict, plain_tables, verdict_table
+from bench.observations import GRIDS
 from bench.program import start
 from pushfric_core.commands.application import Application, Command
 from pushfric_core.commands.json_option import STDOUT, JsonOption, spelled_out, write_json

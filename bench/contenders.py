@@ -2,8 +2,8 @@
 
 All contenders get the same groups of two rows: a moment row a, whose |a . w| is minimised, and a hard row b . w >= 0.
 
-Primal form: variables w, and u, v >= 0 with a . w - u + v = 0; minimise sum(u + v). A new data point is two rows.
-Dual form:   variables t, -1 <= y <= 1 and z >= 0; maximise t under A'y - B'z >= t. A new data point is two columns, and w is
+Primal form: variables w, and u, v >= 0 with a . w - u + v = 0; minimise sum(u + v). A new observation is two rows.
+Dual form:   variables t, -1 <= y <= 1 and z >= 0; maximise t under A'y - B'z >= t. A new observation is two columns, and w is
 the vector of multipliers of the n rows.
 """
 
@@ -40,16 +40,16 @@ class OutOfTime(Exception):
 
 
 class Contender(Protocol):
-    """A way to find the optimum after every data point."""
+    """A way to find the optimum after every observation."""
 
     def __init__(self, n: int, capacity: int) -> None:
-        """Prepare for n support points and at most `capacity` data points."""
+        """Prepare for n support points and at most `capacity` observations."""
 
     def load(self, groups: Groups) -> None:
-        """Add many data points at once and find the optimum."""
+        """Add many observations at once and find the optimum."""
 
     def update(self, rows: ConstraintRows) -> None:
-        """Add one data point and find the optimum. This is what is timed; reading w from a peer's solver is not."""
+        """Add one observation and find the optimum. This is what is timed; reading w from a peer's solver is not."""
 
     def objective(self) -> float:
         """F at the last optimum [m]."""
@@ -63,7 +63,7 @@ class Pushfric:
         self._optimum = self._simplex.solve()
 
     def load(self, groups: Groups) -> None:
-        """As in live use: solve after each data point."""
+        """As in live use: solve after each observation."""
         for rows in groups:
             self.update(rows)
 
@@ -86,7 +86,7 @@ class _Highs(ABC):
         options: dict[str, bool | int | float | str] = {
             "output_flag": False,
             "solver": "simplex",
-            "simplex_strategy": 1,  # dual: in both forms a new data point leaves the basis dual feasible
+            "simplex_strategy": 1,  # dual: in both forms a new observation leaves the basis dual feasible
             "presolve": "off",  # presolve would start from scratch
             "parallel": "off",
             "threads": 1,
@@ -117,7 +117,7 @@ class _Highs(ABC):
 
     @abstractmethod
     def _add(self, groups: Groups) -> None:
-        """Give the data points to HiGHS, in this form of the program."""
+        """Give the observations to HiGHS, in this form of the program."""
 
 
 class HighsPrimal(_Highs):
@@ -244,7 +244,7 @@ class Cvxpy(_FromScratch):
 class Osqp:
     """OSQP on the dual form; on the primal form it often ends at its iteration limit.
 
-    The program cannot grow, so columns of zeros, bounded to zero, are held in reserve, and a new data point fills two of them.
+    The program cannot grow, so columns of zeros, bounded to zero, are held in reserve, and a new observation fills two of them.
     """
 
     def __init__(self, n: int, capacity: int) -> None:

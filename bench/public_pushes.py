@@ -68,7 +68,7 @@ class PublicSet(NamedTuple):
     name: str
     model: ObjectModel
     strokes: Sequence[Stroke]
-    observations: Sequence[Observation | None]  # of each stroke; None: it is no data point
+    observations: Sequence[Observation | None]  # of each stroke; None: it is no observation
     quartic: Sequence[Pose | None]  # where a published quartic predicts each stroke to end
 
     @property
@@ -79,7 +79,7 @@ class PublicSet(NamedTuple):
 
     @property
     def data(self) -> list[Observation]:
-        """The observations of the strokes that are data points."""
+        """The observations of the strokes that are observations."""
         return [one for one in self.observations if one is not None]
 
 
@@ -163,7 +163,7 @@ def _key(stroke: Stroke) -> tuple[float, ...]:
 
 
 def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[Observation]) -> PublicSet:
-    """Short strokes of a thin tip: halfway, the tip is at the contact of the data point."""
+    """Short strokes of a thin tip: halfway, the tip is at the contact of the observation."""
     known = [one for one in data if one.tip_velocity is not None]
     strokes = []
     for one in known:

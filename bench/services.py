@@ -148,7 +148,7 @@ class _Planner(pipeline.Listener):
             many.add_done_callback(lambda answer: self._on_answer_to_many(begin_many, answer))
 
     def _on_answer(self, begin: float, answers: list[float], answer: Future) -> None:
-        if answer.result().success:  # there is no estimate before the first data point
+        if answer.result().success:  # there is no estimate before the first observation
             answers.append(1e3 * (time.perf_counter() - begin))
 
     def _on_answer_to_many(self, begin: float, answer: Future) -> None:

@@ -38,7 +38,7 @@ WARM_UP = 0.3
 """The first share of the samples does not count: libraries are loaded and caches filled."""
 
 PER_DATA_POINT = 4.0
-"""Memory that a data point may take in the estimator [kB]."""
+"""Memory that an observation may take in the estimator [kB]."""
 
 PER_CHUNK = 1.2
 """Memory that a chunk of the bag may take in the recorder [kB]: MCAP's index of chunks is written at the end of the file."""
@@ -64,7 +64,7 @@ def measure(minutes: float, progress: Callable[[str], None]) -> dict[str, Any]:
     """Run a simulated cell for this long, and follow its nodes.
 
     Returns:
-        "growth": the figures of a `Growth` for each node and kind, "data_points": number of data points that came meanwhile.
+        "growth": the figures of a `Growth` for each node and kind, "data_points": number of observations that came meanwhile.
     Raises:
         PushfricError: the run ended before the time was over.
     """
@@ -134,7 +134,7 @@ def _growth(node: str, samples: np.ndarray, keeps: float) -> Iterator[Growth]:
 
 
 def _recorded(path: pathlib.Path) -> tuple[int, int]:
-    """Number of data points and of chunks of a finished bag."""
+    """Number of observations and of chunks of a finished bag."""
     with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None

@@ -1,4 +1,4 @@
-"""The CPU time that each contender needs for one new data point, as a table, and the memory that it takes."""
+"""The CPU time that each contender needs for one new observation, as a table, and the memory that it takes."""
 
 import gc
 import itertools
@@ -13,18 +13,18 @@ import numpy as np
 from rich.table import Table
 
 from bench.contenders import APPROXIMATE, CONTENDERS, Contender, NoOptimum, OutOfTime
-from bench.data_points import data_points
 from bench.display import Verdict, pivot_table, plain_tables
+from bench.observations import data_points
 from pushfric_core.solvers.simplex import Simplex
 
 LIMIT = 20.0
 """A contender is left out if an update takes more CPU time than this [s], or if an update or its load is expected to."""
 
 LONGEST_LOAD = 300.0
-"""Nothing is measured if pushfric's own load, a solve after each data point, is expected to take longer than this [s]."""
+"""Nothing is measured if pushfric's own load, a solve after each observation, is expected to take longer than this [s]."""
 
 GROWTH = 0.2
-"""Updates are measured while the data points grow by at most this fraction; then another sequence of pushes begins."""
+"""Updates are measured while the observations grow by at most this fraction; then another sequence of pushes begins."""
 
 SHORTEST = 10
 """Least number of updates in a sequence."""
@@ -56,7 +56,7 @@ def measure(
     """The cost of every contender for each number of observations M and of support points N, and memory (`memory`).
 
     Args:
-        points: values of M, the number of earlier data points.
+        points: values of M, the number of earlier observations.
         supports: values of N.
         updates: number of updates to measure in each cell, that is for each M and N.
         budget: CPU time of a contender in a cell [s]; afterwards it is no longer measured there.
@@ -70,11 +70,11 @@ def measure(
     rows: list[Figures] = []
     disagreements: list[str] = []
     for n in supports:
-        slowest = dict.fromkeys(CONTENDERS, (0, 0.0))  # (number of data points, longest solve there [s])
+        slowest = dict.fromkeys(CONTENDERS, (0, 0.0))  # (number of observations, longest solve there [s])
         for m in sorted(points):
             # a cost is expected to grow in proportion to M; the load of pushfric is many solves
             running = [name for name, (seen, cost) in slowest.items() if name == "pushfric" or cost * m <= LIMIT * max(seen, 1)]
-            progress(f"{m} data points, {n} supports")
+            progress(f"{m} observations, {n} supports")
             seen, cost = slowest["pushfric"]
             if cost * m > LONGEST_LOAD * max(seen, 1):
                 continue
@@ -84,11 +84,11 @@ def measure(
             disagreements += cell.disagreements
             for name in running:
                 slowest[name] = (m, cell.longest[name])
-    return {"updates": rows, "disagreements": disagreements, "bytes_per_data_point": memory(supports, held, progress)}
+    return {"updates": rows, "disagreements": disagreements, "bytes_per_observation": memory(supports, held, progress)}
 
 
 class _Cell:
-    """The contenders at one M and N, all given each new data point in turn."""
+    """The contenders at one M and N, all given each new observation in turn."""
 
     def __init__(self, m: int, n: int, names: Sequence[str], updates: int, budget: float) -> None:
         self._m, self._n, self._updates, self._budget = m, n, updates, budget
@@ -119,7 +119,7 @@ class _Cell:
         ]
 
     def _sequence(self, seed: int, length: int) -> None:
-        """Load M data points of a sequence of pushes, then measure `length` updates."""
+        """Load M observations of a sequence of pushes, then measure `length` updates."""
         groups = list(itertools.islice(data_points(self._n, seed), self._m + length))
         contenders: dict[str, Contender] = {}
         for name in tuple(self._running):  # a copy, as some may leave
@@ -191,7 +191,7 @@ class _Cell:
 
 
 def memory(supports: Sequence[int], count: int, progress: Callable[[str], None]) -> list[Figures]:
-    """Memory of pushfric's solver per data point, measured over `count` of them: rows {N, bytes}, including spare room."""
+    """Memory of pushfric's solver per observation, measured over `count` of them: rows {N, bytes}, including spare room."""
     rows = []
     for n in supports:
         progress(f"memory, {n} supports")
@@ -216,7 +216,7 @@ def tables(figures: Figures) -> Iterator[Table]:
     for what in ("median", "p99"):
         rows = [{key: row[key] for key in ("N", "M", "contender", f"{what}_cpu_ms")} for row in figures["updates"]]
         yield pivot_table(f"CPU ms of one new observation, {what}", rows, "contender", f"{what}_cpu_ms")
-    yield from plain_tables("Memory of an observation", figures["bytes_per_data_point"])
+    yield from plain_tables("Memory of an observation", figures["bytes_per_observation"])
 
 
 def verdicts(figures: Figures) -> Iterator[Verdict]:

@@ -1,4 +1,4 @@
-"""Estimate and predict without ROS: data points in, motions out. pushfric_core is all it needs.
+"""Estimate and predict without ROS: observations in, motions out. pushfric_core is all it needs.
 
 python3 examples/plain_python.py
 """

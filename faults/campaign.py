@@ -99,10 +99,10 @@ def _problems(case: Case, run: CellRun, code: int) -> Iterable[str]:
     if code == 0:
         if read.returncode:
             yield f"the bag of a run that ended well cannot be read: {read.stderr.strip()}"
-        elif (live := re.findall(r"^push +\d+ +(\d+) data points", run.output, re.M)) and int(live[-1]) != (
+        elif (live := re.findall(r"^push +\d+ +(\d+) observations", run.output, re.M)) and int(live[-1]) != (
             found := json.loads(read.stdout)["data_points"]
         ):
-            yield f"the live estimate had {live[-1]} data points, the bag {found}, and the run ended with 0"
+            yield f"the live estimate had {live[-1]} observations, the bag {found}, and the run ended with 0"
 
 
 def _message(case: Case, output: str) -> str:

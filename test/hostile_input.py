@@ -320,7 +320,7 @@ def _estimated(data: list[Observation]) -> None:
     for observation in data:
         try:
             estimator.add(observation)
-        except PushfricError:  # the data point says nothing, or contradicts the others
+        except PushfricError:  # the observation says nothing, or contradicts the others
             continue
 
 
@@ -491,7 +491,7 @@ def _edit(data: bytes, _: pathlib.Path) -> None:
 
 @functools.cache
 def _input() -> pathlib.Path:
-    """A CSV of data points that stays as long as this process."""
+    """A CSV of observations that stays as long as this process."""
     folder = pathlib.Path(tempfile.mkdtemp(prefix="pushfric-fuzz-"))
     atexit.register(shutil.rmtree, folder)
     path = folder / "data.csv"

@@ -11,7 +11,7 @@ from pushfric_core.geometry.support import NOT_FREE, FreeRadii, support_forces
 
 
 class Problem(NamedTuple):
-    """An object with a known support, and noiseless data points of it."""
+    """An object with a known support, and noiseless observations of it."""
 
     name: str
     outline: Outline
@@ -24,7 +24,7 @@ def square(side: float = 0.1) -> Outline:
 
 
 def observations_of(outline: Outline, support: Support, mu_c: float, count: int, rng: np.random.Generator) -> list[Observation]:
-    """Noiseless data points: random contacts on the edges, random directions of the tip, motions from the forward model."""
+    """Noiseless observations: random contacts on the edges, random directions of the tip, motions from the forward model."""
     found: list[Observation] = []
     while len(found) < count:
         edge = int(rng.integers(len(outline.vertices)))
@@ -78,12 +78,12 @@ def moment(weights: Array, points: Array, observation: Observation) -> float:
 def rows_of(
     constraint: Constraint, observation: Observation, support_points: Array, free: FreeRadii = NOT_FREE
 ) -> ConstraintRows:
-    """The rows that a constraint makes from a data point."""
+    """The rows that a constraint makes from an observation."""
     return constraint.rows(observation, support_forces(support_points, observation.twist, free))
 
 
 def pushed_as_planned(support: Support, outline: Outline, push: PlannedPush, mu_c: float) -> tuple[Observation, Array]:
-    """The data point of a planned push, and the direction of the pusher."""
+    """The observation of a planned push, and the direction of the pusher."""
     normal = outline.normals[push.edge]
     point = outline.vertices[push.edge] + outline.edges[push.edge] * (0.5 + push.offset / outline.lengths[push.edge])
     direction = rotation(push.angle) @ -normal

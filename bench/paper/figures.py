@@ -152,7 +152,7 @@ def _histograms(panels: Panels, seed: Seed, *cases: str) -> None:
         axes.set(
             title=f"{case}; paper: up to {largest:.2f}",
             xlabel="lower bound on $\\mu_c$",
-            ylabel="data points",
+            ylabel="observations",
             xlim=(0, edges[-1]),
         )
 
@@ -183,10 +183,10 @@ def _subsets(panels: Panels, numbers: Nested) -> None:
         known = {size: leaf["reference"] for size, leaf in zip(SUBSETS, leaves, strict=True) if "reference" in leaf}
         _course(errors, SUBSETS, leaves, color=ESTIMATE, ls=line, marker=marker, label=f"error in {axis}")
         errors.plot(*zip(*known.items(), strict=True), marker, mfc="none", ms=7, color=OTHER, label=f"{axis}, reference")
-    errors.set(title="Mean error of $p_{CF}$, 10 samplings", xlabel="data points", ylabel="% of the side", ylim=(0, None))
+    errors.set(title="Mean error of $p_{CF}$, 10 samplings", xlabel="observations", ylabel="% of the side", ylim=(0, None))
     share = [100 * numbers[f"points_{size}"]["share_with_correct_supports"]["median"] for size in SUBSETS]
     found.plot(SUBSETS, share, "o-", ms=4, color=INK)
-    found.set(title="The four feet have the largest weights", xlabel="data points", ylabel="% of samplings", ylim=(0, 105))
+    found.set(title="The four feet have the largest weights", xlabel="observations", ylabel="% of samplings", ylim=(0, 105))
 
 
 def _rods(panels: Panels, rods: Sequence[Rod]) -> None:

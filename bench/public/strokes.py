@@ -69,7 +69,7 @@ class Stroke(NamedTuple):
     run: int | None = None  # the push of which it is a part; None: it is a push
     tip_radius: float = USUAL_RADIUS  # [m]
 
-    def data_point(self, outline: Outline, push_id: int) -> Observation | None:
+    def observation(self, outline: Outline, push_id: int) -> Observation | None:
         """The screw of the whole stroke, with the contact halfway; None if that would not be an observation."""
         motion = planar.log(compose(inverse(self.before), self.after))
         halfway = compose(self.before, exp(motion, 0.5))
@@ -157,4 +157,4 @@ def save_model(name: str, outline: Outline, out: pathlib.Path) -> None:
 
 def data_points(strokes: Sequence[Stroke], outline: Outline) -> list[Observation | None]:
     """The observation of each stroke; None if it would not be one. The push is the run, or else the number of the stroke."""
-    return [one.data_point(outline, number if one.run is None else one.run) for number, one in enumerate(strokes)]
+    return [one.observation(outline, number if one.run is None else one.run) for number, one in enumerate(strokes)]

@@ -77,7 +77,7 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         InvalidInput: a column or a number is missing.
     """
     logs: dict[str, list[Observation]] = {}
-    for row in read_table(path, COLUMNS, "data points", f"push_points.csv of {NAME}").rows:
+    for row in read_table(path, COLUMNS, "observations", f"push_points.csv of {NAME}").rows:
         push, cx, cy, nx, ny, dx, dy, turn, fx, fy = row.numbers(COLUMNS[2:])
         contact, motion = (cx * MILLIMETRE, cy * MILLIMETRE), Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
         tip, stamp = _tip_velocity(row, motion, contact), (int(push) + 1) * SECOND

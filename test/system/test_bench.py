@@ -30,7 +30,7 @@ def contenders(monkeypatch):
 @pytest.fixture
 def groups(monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
-    from bench.data_points import data_points
+    from bench.observations import data_points
 
     return list(itertools.islice(data_points(15, seed=3), 60))
 
@@ -49,7 +49,7 @@ def test_quick_run_writes_the_figures_it_shows(tmp_path):
         assert (row["M"], row["N"], row["count"]) == (50, 15, 40)
         assert 0 < row["median_cpu_ms"] <= row["p99_cpu_ms"]
         assert row["objective_error"] <= (1e-6 if row["contender"] in exact else 1.0)
-    (held,) = report["bytes_per_data_point"]
+    (held,) = report["bytes_per_observation"]
     assert held["N"] == 15
     assert held["bytes"] >= 2 * 15 * 8  # the coefficients of two rows
     assert [target["asked"] for target in report["targets"]] == [">= 25", ">= 2", "<= 20"]

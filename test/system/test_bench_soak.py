@@ -28,7 +28,7 @@ def test_what_grows_is_told_from_what_is_flat(rng):
         {"growth": [grows._asdict(), *(one._asdict() for one in growth("tracker", 60_000 + noise).values())]}
     )
     assert failure.startswith("memory, kB of tracker: grows from ")
-    # an estimator may keep its data points
+    # an estimator may keep its observations
     assert growth("estimator", 60_000 + 60 * np.arange(200), keeps=2000 * soak.PER_DATA_POINT)["memory, kB"].flat
     leaking = np.floor(12 + np.arange(200) / 20)
     assert not growth("tracker", 60_000.0, threads=leaking)["threads"].flat

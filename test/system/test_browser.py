@@ -120,7 +120,7 @@ def make_small(path: pathlib.Path) -> None:
 
 
 def first_row(page: Page) -> list[str]:
-    """The table's line of the first push, once a data point of the second has come: from then on it stays as it is."""
+    """The table's line of the first push, once an observation of the second has come: from then on it stays as it is."""
     expect(page.locator('#rows tr[data-push="1"] td').nth(1)).to_have_text(re.compile("^[1-9]"))
     return page.locator("#rows tr").first.locator("td").all_text_contents()  # of rows out of sight, too
 
@@ -129,7 +129,7 @@ def test_the_page_shows_the_run(browser, url):
     with visit(browser, url) as page:
         expect(page.locator("#object")).to_have_text(OBJECT)
         expect(page.locator("#prompt")).to_contain_text(f"of {PUSHES}")
-        expect(page.locator("#points")).to_contain_text("data point")
+        expect(page.locator("#points")).to_contain_text("observation")
         expect(page.locator("#center")).to_contain_text("mm")
         expect(page.locator("#overlay")).to_be_visible()
         expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
@@ -175,12 +175,12 @@ def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
         slider, name = page.locator("#moment"), page.locator("#moment_name")
         expect(name).to_have_text("now")
         slider.press("Home")
-        expect(name).to_have_text(re.compile(f"^push 1, data point 1 of {first[1]}, "))
+        expect(name).to_have_text(re.compile(f"^push 1, observation 1 of {first[1]}, "))
         expect(page.locator("#prediction_caption")).to_contain_text("Nothing was predicted")
         expect(page.locator("#drawing .tip")).to_have_count(0)
         page.locator("#compare").press("Enter")
         slider.press("PageDown")
-        expect(name).to_have_text(re.compile(f"^push 1, data point {first[1]} of {first[1]}, "))
+        expect(name).to_have_text(re.compile(f"^push 1, observation {first[1]} of {first[1]}, "))
         expect(slider).to_have_attribute("aria-valuetext", name.inner_text())
         expect(page.locator("#center")).to_contain_text(f"{first[2]}, {first[3]}")
         expect(page.locator("#pushes")).to_have_text("of 1 push")
@@ -188,7 +188,7 @@ def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
         expect(page.locator("#shown_name")).to_have_text(f"push 1, {first[1]} of {first[1]}")
         expect(page.locator("#comparison tbody tr").first.locator("td").nth(1)).to_have_text(first[2])
         slider.press("ArrowRight")
-        expect(name).to_have_text(re.compile("^push 2, data point 1 of "))
+        expect(name).to_have_text(re.compile("^push 2, observation 1 of "))
         expect(page.locator("#prediction_caption")).to_contain_text("° apart")
         expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
         expect(page.locator("#seen")).to_have_text(re.compile(r"^Taken \d+\.\d s (before|after) this moment"))
@@ -218,7 +218,7 @@ TOO_NARROW = """[...document.querySelectorAll("section.wide td")]
 def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width):
     """In one file, by keys alone."""
     with visit(browser, recorded, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
-        expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, data point (\d) of \1, "))
+        expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, observation (\d) of \1, "))
         expect(page.locator("#stop")).to_be_hidden()
         expect(page.locator("#trust")).to_contain_text("may be used")
         page.locator("#moment").press("PageUp")
@@ -316,7 +316,7 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
         for one in (page, other):
             expect(one.locator("#rows tr").first).to_contain_text("excluded")
             expect(one.locator("#rows tr").first.get_by_role("button")).to_have_text("Keep")
-        expect(page.locator("#answer")).to_have_text(re.compile("^Exclude push 1: .* data points"))
+        expect(page.locator("#answer")).to_have_text(re.compile("^Exclude push 1: .* observations"))
         deadline = time.monotonic() + PATIENCE
         while "is skipped" not in page.locator("#answer").inner_text():  # between two pushes there is no push to give up
             assert time.monotonic() < deadline
@@ -330,7 +330,7 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
 
     def keep(request, response):
         kept.append(request.push_id)
-        response.success, response.message = True, "kept: 4 data points of 2 pushes are in"
+        response.success, response.message = True, "kept: 4 observations of 2 pushes are in"
         return response
 
     estimator = ros.node("estimator", namespace="/left_out")
@@ -355,7 +355,7 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
         expect(row).to_contain_text(f"left out: {reason}")
         expect(page.locator("#trust")).to_contain_text("another one since push 2")
         row.get_by_role("button", name="Keep push 2").click()
-        expect(page.locator("#answer")).to_have_text("Keep push 2: kept: 4 data points of 2 pushes are in")
+        expect(page.locator("#answer")).to_have_text("Keep push 2: kept: 4 observations of 2 pushes are in")
         assert kept == [1]
         expect(page.locator('#rows tr[data-push="0"]').get_by_role("button")).to_have_text("Exclude")
 

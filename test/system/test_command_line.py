@@ -67,7 +67,7 @@ def call(monkeypatch, capsys):
         (["replay", "runs"], "runs: is a folder of bags, expected one of them: runs/cut, runs/whole"),
         (
             ["estimate", "good.csv", "--object", "rubber_rect4", "--exclude-push", "5"],
-            "no data point of push 5, which is to be left out",
+            "no observation of push 5, which is to be left out",
         ),
         (["calibrate", "table", "none.csv", "--camera", "none.yaml"], "none.yaml"),
         (
@@ -186,7 +186,7 @@ def test_json_without_a_file_is_printed_alone(call, place):
 
 def test_json_with_a_file_is_written_there_as_well(call, tmp_path):
     said = call("estimate", BAG, "--json", tmp_path / "result.json").stdout
-    assert said.endswith("from   72 data points of 14 pushes\n")
+    assert said.endswith("from   72 observations of 14 pushes\n")
     assert json.loads((tmp_path / "result.json").read_text())["pushes"] == 14
 
 

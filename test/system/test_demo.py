@@ -79,7 +79,7 @@ def test_the_demo_ends_as_the_documents_show(demo):
     (readme,) = [block.text for block in blocks("README.md") if block.text.startswith("rubber_rect4: ")]
     assert has_the_form(said, readme), said
     table, start, summary = shown("docs/tutorial.md", "./pushfric demo --bag runs/first --view").partition("rubber_rect4: ")
-    assert "\npush  data points" in table  # on a terminal; without one, there is a line for each push
+    assert "\npush  observations" in table  # on a terminal; without one, there is a line for each push
     assert has_the_form(said, start + summary), said
 
 

@@ -16,7 +16,7 @@ def counted(number: int, one: str, several: str = "") -> str:
 
 def data_of(data_points: int, pushes: int) -> str:
     """The basis of an estimate: 81 observations of 14 pushes."""
-    return f"{counted(data_points, 'data point')} of {counted(pushes, 'push', 'pushes')}"
+    return f"{counted(data_points, 'observation')} of {counted(pushes, 'push', 'pushes')}"
 
 
 def no_such(kind: str, word: str, known: Iterable[str], see: str) -> str:

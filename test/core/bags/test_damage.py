@@ -97,7 +97,7 @@ def test_what_a_lost_sector_takes_along_is_known_to_the_message(copy, tmp_path):
 
 
 def estimated(bag, *options):
-    """The number of data points, and what is said of the bag."""
+    """The number of observations, and what is said of the bag."""
     run = invoked("estimate", bag, *options, "--json")
     assert run.exit_code == 0
     return json.loads(run.stdout)["data_points"], run.stderr

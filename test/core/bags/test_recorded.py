@@ -69,7 +69,7 @@ def test_data_points_without_a_force_are_reported(tmp_path, wrenches):
     assert [o.stamp for o in found] == complete
     assert all(sum(component**2 for component in o.force) == pytest.approx(4.0) for o in found)
     left_out = len(every) - len(complete)
-    told = f"{bag}: ends before the force of its last data points was measured; left out: {left_out}"
+    told = f"{bag}: ends before the force of its last observations was measured; left out: {left_out}"
     assert warnings == ([told] if left_out else [])
     assert (left_out > 2) == (wrenches == 20)
 
@@ -104,9 +104,9 @@ def test_one_of_several_cells_must_be_chosen(two_cells, tmp_path):
     for command in (["estimate"], ["region"], ["recognize"], ["replay", "--headless"], ["predict", "--pushes", str(pushes)]):
         run = invoked(*command, two_cells)
         assert isinstance(run.exception, InvalidInput), command
-        assert "holds the data points of 2 cells, /left, /right; choose one with --namespace" in str(run.exception)
+        assert "holds the observations of 2 cells, /left, /right; choose one with --namespace" in str(run.exception)
     run = invoked("estimate", two_cells, "--namespace", "middle")
-    assert "no data points of /middle; expected the topics object_pose and pusher_state" in str(run.exception)
+    assert "no observations of /middle; expected the topics object_pose and pusher_state" in str(run.exception)
 
 
 @pytest.mark.parametrize(("cell", "excluded"), [("/left", (3,)), ("right/", ())])

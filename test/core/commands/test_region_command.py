@@ -85,7 +85,7 @@ def test_a_collapsed_region_says_so(tmp_path):
     figures = json.loads(said("region", path, "--json"))
     assert (figures["collapsed"], figures["area"], figures["polygon"], figures["next_pushes"]) == (True, 0.0, [], [])
     assert figures["violation"] > 0.01
-    assert "collapsed: the data points contradict each other" in said("region", path)
+    assert "collapsed: the observations contradict each other" in said("region", path)
     with pytest.raises(InvalidInput, match="no push is worth planning; try a larger --region-margin"):
         said("region", path, "--plan", tmp_path / "plan.yaml")
 
@@ -96,7 +96,7 @@ def test_slipping_pushes_give_mu_c_itself(data, tmp_path):
     estimate = estimator.add(DATA)
     slipping = estimate.contact_friction[[1, 4]]
     assert figures["mu_c"]["slipping"] == [slipping.min(), slipping.max()]
-    assert figures["w"] == estimate.w.tolist()  # of all data points
+    assert figures["w"] == estimate.w.tolist()  # of all observations
     text = said("estimate", data, "--slipping-push", 1, "--figure", tmp_path / "figure.png")
     assert "in the pushes that slipped" in text
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")

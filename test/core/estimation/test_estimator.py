@@ -86,7 +86,7 @@ def test_a_center_of_friction_outside_the_supports_is_infeasible():
 
 
 def with_force(observation, problem, total, noise=0.0, rng=None):
-    """The data point with the force that a sensor would measure [N]."""
+    """The observation with the force that a sensor would measure [N]."""
     force = -total * problem.truth.weights @ friction_directions(problem.truth.points, observation.twist)
     return replace(observation, force=tuple(force + (rng.normal(0, noise, 2) if rng is not None else 0.0)))
 

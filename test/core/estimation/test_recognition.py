@@ -32,7 +32,7 @@ def centers(points, true):
 
 
 def seen(observation, rng):
-    """The data point as a camera gives it: smoothed over five frames at 14 Hz, then differenced over two."""
+    """The observation as a camera gives it: smoothed over five frames at 14 Hz, then differenced over two."""
     noise = rng.normal(size=3) * FEET_NOISE * 0.4 * 14 / 2
     return replace(observation, twist=Twist(*(np.array(observation.twist) + noise)))
 

@@ -142,7 +142,7 @@ def test_half_planes_that_contradict_the_program_are_told():
     """A p_CF 18 mm off is forced on the program: pushes that pass between it and the true one turn the object the other way."""
     _, verdict = aimed(center=TRIANGLE.truth.center_of_friction + (0.0182, 0.0))
     (reason,) = verdict.reasons
-    assert re.search(r"contradict the program: in 22 % of the data points, of 4 pushes", reason.text), reason
+    assert re.search(r"contradict the program: in 22 % of the observations, of 4 pushes", reason.text), reason
     assert reason.code == ReasonCode.HALF_PLANES
     assert "the centre of friction that was given must be wrong" in reason.text
     assert not verdict.use

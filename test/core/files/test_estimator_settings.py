@@ -28,7 +28,7 @@ UNUSUAL = EstimatorSettings(
 
 
 def bag_of(folder, text):
-    """A bag of data points, with the settings as the estimator publishes them, if there are any."""
+    """A bag of observations, with the settings as the estimator publishes them, if there are any."""
     with BagWriter(folder) as writer:
         writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
         if text is not None:

@@ -184,7 +184,7 @@ def test_malformed_messages_in_a_whole_bag_are_refused_one_by_one(tmp_path):
         for stamp, raw in enumerate((b"", b"\0\1\0\0", b"\xff" * 300)):
             writer.write("/cell/observation", stamp, raw)
     refused: list[str] = []
-    with pytest.raises(InvalidInput, match="its observations give no data point of rubber_rect4"):
+    with pytest.raises(InvalidInput, match="its observations give no observation of rubber_rect4"):
         Recorded(tmp_path / "bag").read(load_object("rubber_rect4"), EstimatorSettings(), refused.append)
     assert len(refused) == 3
     assert all("not a pushfric_msgs/msg/Observation" in line for line in refused)

@@ -74,6 +74,6 @@ def test_files_are_ranked_with_a_line_for_each_data_point_left_out():
     ranking = recognize(Recognizer(hypotheses, exact), [about_a_foot, *problem.observations], lines.append)
     assert ranking.best == "feet"
     assert ranking.data_points == len(problem.observations)
-    assert lines == ["data point of push 99 refused: the object rotated exactly about its support point (0.09, 0.03)"]
-    with pytest.raises(InvalidInput, match="no data point could be used"):
+    assert lines == ["observation of push 99 refused: the object rotated exactly about its support point (0.09, 0.03)"]
+    with pytest.raises(InvalidInput, match="no observation could be used"):
         recognize(Recognizer(hypotheses, exact), [about_a_foot], lines.append)

@@ -10,7 +10,7 @@ from problems import three_feet
 
 from pushfric_core import Estimator, EstimatorConfig, InvalidInput, Observation, Pose, Twist, friction_model
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.model_file import DataPointFile, load_model, make_model, save_model
+from pushfric_core.files.model_file import ObservationEntry, load_model, make_model, save_model
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object
 
 PROBLEM = three_feet()
@@ -68,7 +68,7 @@ def test_all_that_a_data_point_brings_is_kept(tmp_path):
     path = tmp_path / "model.yaml"
     save_model(make_model(model, estimate, "a test", EstimatorSettings()), path)
     assert load_model(path)[0].observations() == [full]
-    assert len(DataPointFile.model_fields) == len(dataclasses.fields(full))
+    assert len(ObservationEntry.model_fields) == len(dataclasses.fields(full))
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ def test_a_motion_about_a_support_is_refused():
 
 
 def test_a_fit_needs_data():
-    with pytest.raises(ValueError, match="at least one data point"):
+    with pytest.raises(ValueError, match="at least one observation"):
         least_squares_fit([], ENDS)
 
 

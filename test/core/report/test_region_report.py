@@ -1,4 +1,4 @@
-"""The region of p_CF from files: its data points, its report, and its command."""
+"""The region of p_CF from files: its observations, its report, and its command."""
 
 import json
 

@@ -27,7 +27,7 @@ def group(a, above=1.0, below=1.0):
 
 
 def pushes(rng, n, count, noise=1e-3, half_width=0.0):
-    """Data points of an object 0.1 m wide on n supports, some without weight: moment rows and the hard row f.n >= 0 of each."""
+    """Observations of an object 0.1 m wide on n supports, some without weight: moment rows and hard row f.n >= 0 of each."""
     points = rng.uniform(-0.05, 0.05, (n, 2))
     w = rng.dirichlet(np.full(n, 0.3))
     groups = []
@@ -189,7 +189,7 @@ def test_contradictions_are_those_that_highs_finds(program, seed, n):
         groups.append(group(rng.normal(size=(2, n)), above=(1.0, 0.0), below=(1.0, np.inf)))
         contradictory.add(groups[-1])
         if (contradictory.solve().status is Status.INFEASIBLE) != (highs(stack(groups, n)) is None):
-            pytest.fail(f"HiGHS disagrees after {len(groups)} data points")
+            pytest.fail(f"HiGHS disagrees after {len(groups)} observations")
         if contradictory.conflicts():
             assert highs(stack([groups[k] for k in contradictory.conflicts()], n)) is None
             break

@@ -69,7 +69,7 @@ def group(a, above=1.0, below=1.0):
 
 
 def pushes(rng, n, count, noise=1e-3, bearing=3):
-    """Data points of an object 0.1 m wide that rests on some of n supports: a moment row and the hard row f.n >= 0 of each."""
+    """Observations of an object 0.1 m wide that rests on some of n supports: a moment row and the hard row f.n >= 0 of each."""
     points = rng.uniform(-0.05, 0.05, (n, 2))
     w = np.zeros(n)
     bearing = min(n, bearing)
@@ -196,7 +196,7 @@ def test_an_equality_holds():
 
 @examples(40)
 @given(SEEDS, st.integers(3, 40))
-def test_pushes_agree_with_highs_at_every_data_point(seed, n):
+def test_pushes_agree_with_highs_at_every_observation(seed, n):
     groups, _ = pushes(np.random.default_rng(seed), n, 12)
     simplex = Simplex(n)
     for k, rows in enumerate(groups):
@@ -531,7 +531,7 @@ def test_the_cost_of_a_data_point_does_not_grow_with_their_number(rng, monkeypat
         if k in (1024, 4096, 8192):
             totals.append(sum(looked_at))
     early, _, late = np.diff(totals) / (1024, 3072, 4096)
-    assert late < 3 * early  # rows a data point; with only two balls, ten times as many
+    assert late < 3 * early  # rows an observation; with only two balls, ten times as many
     assert simplex.certificate().status is Status.OPTIMAL
 
 

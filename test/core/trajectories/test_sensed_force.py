@@ -10,7 +10,7 @@ from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
 SECOND = 10**9
 
 
-def data_point(seconds, theta=0.0):
+def moved(seconds, theta=0.0):
     pose = Pose(0.1, 0.2, theta)
     return Observation((0.0, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1), duration=0.2, stamp=round(seconds * SECOND), pose=pose)
 
@@ -27,14 +27,14 @@ def feed(sensed, things):
 
 
 def test_the_force_is_the_mean_over_the_motion_in_the_object_frame():
-    found = feed(ForceMatcher(), [data_point(1.0), data_point(2.0, theta=math.pi / 2), *samples()])
+    found = feed(ForceMatcher(), [moved(1.0), moved(2.0, theta=math.pi / 2), *samples()])
     assert [o.stamp for o in found] == [SECOND, 2 * SECOND]
     assert found[0].force == pytest.approx((0.0, 1.0))  # samples at 0.9, 0.95, 1.0, 1.05, 1.1
     assert found[1].force == pytest.approx((2.0, 0.0))
 
 
 def test_forces_do_not_depend_on_how_the_topics_interleave(rng):
-    points = [data_point(t) for t in (0.5, 1.0, 1.7)]
+    points = [moved(t) for t in (0.5, 1.0, 1.7)]
     expected = feed(ForceMatcher(), [*points, *samples()])
     assert len(expected) == 3
     for _ in range(20):
@@ -45,7 +45,7 @@ def test_forces_do_not_depend_on_how_the_topics_interleave(rng):
 
 def test_a_data_point_waits_for_the_end_of_its_motion():
     sensed = ForceMatcher()
-    assert feed(sensed, [data_point(1.0), *samples(end=1.1)]) == []
+    assert feed(sensed, [moved(1.0), *samples(end=1.1)]) == []
     assert sensed.waiting_since == SECOND
     assert len(sensed.add_force(ForceSample(round(1.15 * SECOND), (0.0, 0.0)))) == 1
     assert sensed.waiting_since is None
@@ -53,18 +53,18 @@ def test_a_data_point_waits_for_the_end_of_its_motion():
 
 def test_a_data_point_without_samples_during_its_motion_has_no_force():
     late = [ForceSample(3 * SECOND + number, (1.0, 1.0)) for number in range(3)]
-    assert feed(ForceMatcher(), [data_point(1.0), *late]) == [data_point(1.0)]
+    assert feed(ForceMatcher(), [moved(1.0), *late]) == [moved(1.0)]
 
 
 def test_late_samples_are_ignored():
     sensed = ForceMatcher()
     feed(sensed, samples(end=1.0))
     assert sensed.add_force(ForceSample(0, (9.0, 9.0))) == []
-    assert feed(sensed, [data_point(0.5), *samples()])[0].force == pytest.approx((0.0, 0.5))
+    assert feed(sensed, [moved(0.5), *samples()])[0].force == pytest.approx((0.0, 0.5))
 
 
 def test_impossible_input_is_refused():
     with pytest.raises(ValueError, match="a force must be finite"):
         ForceMatcher().add_force(ForceSample(0, (math.nan, 0.0)))
     with pytest.raises(ValueError, match="needs its pose"):
-        ForceMatcher().add_observation(dataclasses.replace(data_point(1.0), pose=None))
+        ForceMatcher().add_observation(dataclasses.replace(moved(1.0), pose=None))

@@ -297,7 +297,7 @@ def test_the_nearest_point_of_the_outline():
     assert corner.normal == pytest.approx((0.6, 0.8))
 
 
-# --- a data point is the mean of one motion ---
+# --- an observation is the mean of one motion ---
 
 APPROACH, HELD, STROKE = 0.006, (0.9, 1.7), 0.05
 
@@ -322,13 +322,13 @@ def frames_of_a_held_push(rate):
 
 
 def mismatches(observations):
-    """How much of the tip's speed the contact lacks, along the normal, in each data point."""
+    """How much of the tip's speed the contact lacks, along the normal, in each observation."""
     return np.array([tip_at(observation)[1] for observation in observations])
 
 
 @pytest.mark.parametrize(("rate", "reports"), [(10, 20), (14, 8), (14, 20), (14, 100), (40, 20)])
 def test_the_contact_of_every_data_point_is_as_fast_as_the_tip(rate, reports, rng):
-    """The approach, a tip that is held up, and its end are in no data point, however seldom it is reported and images come."""
+    """The approach, a tip that is held up, and its end are in no observation, however seldom it is reported and images come."""
     found = 0
     for late, lost, noise in ((0.0, 0.0, 0.0), (0.0, 0.1, 0.0), (0.15, 0.1, 0.0), (0.05, 0.0, 1e-5)):
         poses = [

@@ -1,4 +1,4 @@
-"""Whether contacts that are off are told: pushes of the object on four feet, four data points each, with a camera's noise."""
+"""Whether contacts that are off are told: pushes of the object on four feet, four observations each, with a camera's noise."""
 
 import math
 import re

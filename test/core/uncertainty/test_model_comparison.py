@@ -20,7 +20,7 @@ PUSHES = even_pushes(STUDIED.outline, STUDIED.plans["all"])
 
 @pytest.fixture(scope="module")
 def run():
-    """The data points of fourteen pushes, as a CSV without the tip's velocity would hold them."""
+    """The observations of fourteen pushes, as a CSV without the tip's velocity would hold them."""
     rng = np.random.default_rng(7)
     data = filmed(STUDIED.outline, moved(STUDIED, PUSHES, rng), NOISES["FEET"], rng)
     return [replace(one, tip_velocity=None, duration=None) for one in data]

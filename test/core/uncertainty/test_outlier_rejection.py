@@ -1,4 +1,4 @@
-"""Which pushes are left out, and when a change of the object is reported: four data points of each push, with noise."""
+"""Which pushes are left out, and when a change of the object is reported: four observations of each push, with noise."""
 
 from dataclasses import replace
 

@@ -78,7 +78,7 @@ def test_a_push_slides_from_where_its_tip_begins_to():
     mismatch = np.array((0.05, -0.05, 0.05, -0.05, 0.05, -0.05, 0.05, 0.05, 0.05))
     tip = replace(estimate.tip, slip=slip, mismatch=mismatch, sensed=np.full(9, np.nan), push=np.repeat((4.0, 5.0), (7, 2)))
     assert tip.directions.tolist() == [0, 0, 0, 0, 1, 1, 1, 0, 1]
-    # the same, with the data points of the two pushes in another order
+    # the same, with the observations of the two pushes in another order
     order = np.array((7, 0, 1, 2, 8, 3, 4, 5, 6))
     mixed = replace(tip, slip=slip[order], mismatch=mismatch[order], push=tip.push[order])
     assert mixed.directions.tolist() == tip.directions[order].tolist()

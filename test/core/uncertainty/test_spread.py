@@ -16,7 +16,7 @@ PAPER = EstimatorConfig(cor_radius=0.0, tie_break=False)
 
 
 def noisy(rng, noise, pushes=16, each=3, choices=None):
-    """Data points, `each` of them from every push, with rotations that err by `noise` of themselves."""
+    """Observations, `each` of them from every push, with rotations that err by `noise` of themselves."""
     data = []
     for push in range(pushes):
         o = FEET.observations[int(rng.integers(choices or len(FEET.observations)))]

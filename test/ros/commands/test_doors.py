@@ -62,7 +62,7 @@ def simulated(name, count, seed):
 
 
 def points_of(observations):
-    """The pushes of data points, to be predicted."""
+    """The pushes of observations, to be predicted."""
     names = ("contact_point", "contact_normal", "tip_velocity")
     return PointPushes(*(np.array([getattr(one, name) for one in observations]) for name in names))
 
@@ -218,14 +218,14 @@ def by_node(ros, case, model):
         node.create_subscription(kind, topic, lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
     out = node.create_publisher(Observation, "observation", RELIABLE)
     ros.wait_for(out.get_subscription_count, what="the estimator")
-    for number, one in enumerate(case.observations, 1):  # without durations, stamps only say which data point is the last
+    for number, one in enumerate(case.observations, 1):  # without durations, stamps only say which observation is the last
         out.publish(observation_to_msg(replace(one, stamp=number), model.name))
     wanted = set(TOPICS) - (set() if model.hypotheses else {Recognition})
 
     def complete():
         return all(kind in last and header(last[kind]).stamp.nanosec == count for kind in wanted)
 
-    ros.wait_for(complete, what="answers from all data points")
+    ros.wait_for(complete, what="answers from all observations")
 
     def ask(kind, name, **parts):
         client = node.create_client(kind, f"planner/{name}")

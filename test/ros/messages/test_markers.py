@@ -33,7 +33,7 @@ def estimate():
     return estimate_to_msg(EstimateReport.of(last, NAME))
 
 
-def test_all_markers_are_in_the_object_frame_at_the_newest_data_point(estimate):
+def test_all_markers_are_in_the_object_frame_at_the_newest_observation(estimate):
     array = deserialize_message(serialize_message(estimate_to_markers(estimate, OUTLINE, DATA[-1])), MarkerArray)
     first, *rest = array.markers
     assert first.action == Marker.DELETEALL  # so that a late subscriber shows all markers, and no others

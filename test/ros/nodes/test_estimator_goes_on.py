@@ -44,13 +44,13 @@ def made(node_class, **parameters):
 
 
 def kept(path, data):
-    """A model file made of some data points."""
+    """A model file made of some observations."""
     save_model(make_model(MODEL, fitted(data), "a test", EstimatorSettings()), path)
     return str(path)
 
 
 def seen_in(messages):
-    """The data points of a cell's messages, none of which is lost."""
+    """The observations of a cell's messages, none of which is lost."""
     trajectory = Trajectory(MODEL.outline)
     found = []
     for msg in messages:
@@ -62,7 +62,7 @@ def seen_in(messages):
 
 
 def fitted(data):
-    """The last estimate of some data points."""
+    """The last estimate of some observations."""
     return Estimator(MODEL.support_points).add(data)
 
 
@@ -120,18 +120,18 @@ class Cell:
             (self.states if isinstance(msg, PusherState) else self.poses).publish(msg)
 
     def await_data(self, count):
-        """Wait for an estimate from this many data points."""
+        """Wait for an estimate from this many observations."""
         self.ros.wait_for(lambda: self.estimates and self.estimates[-1].data_points == count, LONG, "the estimate")
 
     def offline(self):
-        """The estimate from the bag as far as it is written, once the bag holds every data point."""
+        """The estimate from the bag as far as it is written, once the bag holds every observation."""
 
         def found():
             settings = Recorded(self.bag).settings
             return Recorded(self.bag).read(MODEL, settings, lambda _: None, partial=True).observations
 
         count = self.estimates[-1].data_points
-        self.ros.wait_for(lambda: len(found()) == count, LONG, "the data points in the bag")
+        self.ros.wait_for(lambda: len(found()) == count, LONG, "the observations in the bag")
         return fitted(found())
 
 

@@ -54,7 +54,7 @@ def publisher(ros, node, kind, topic, qos):
 
 
 def estimator_of_observations(ros, **parameters):
-    """A node next to a running estimator, its publisher of data points, and the list of estimates it receives."""
+    """A node next to a running estimator, its publisher of observations, and the list of estimates it receives."""
     node = ros.node("peer", namespace="/cell")
     ros.compose(estimator(object=NAME, source="observations", **parameters))
     estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
@@ -117,7 +117,7 @@ def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
     for push_id in range(2):
         for msg in push(push_id, 10**18 + push_id * 10**10):
             send(msg)
-        ros.wait_for(lambda wanted=4 * (push_id + 1): len(observations) >= wanted, what="the data points of a push")
+        ros.wait_for(lambda wanted=4 * (push_id + 1): len(observations) >= wanted, what="the observations of a push")
     last = 10**18 + 10**10 + 37 * FRAME  # of the poses; the last state of the pusher comes 1 ns later
     ros.wait_for(
         lambda: progress and stamp_from_msg(progress[-1].settled_until) == last, what="the word that all poses are dealt with"
@@ -128,7 +128,7 @@ def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
             and estimates
             and observations[-1].header.stamp == estimates[-1].header.stamp == progress[-1].header.stamp
         ),
-        what="the estimate of the last data point",
+        what="the estimate of the last observation",
     )
     expected = [model.add(observation_from_msg(msg)) for msg in observations]
     assert [msg.data_points for msg in estimates] == list(range(1, len(observations) + 1))
@@ -148,7 +148,7 @@ def test_bad_messages_are_refused_and_change_nothing(ros):
     still.twist.linear.x = still.twist.linear.y = still.twist.angular.z = 0.0
     for msg in (good[0], broken, good[1], still, far, good[2]):
         out.publish(msg)
-    ros.wait_for(lambda: len(estimates) == 3, what="the good data points' estimates")
+    ros.wait_for(lambda: len(estimates) == 3, what="the good observations' estimates")
     assert estimates[-1].data_points == 3
 
 
@@ -292,7 +292,7 @@ def test_an_excluded_push_stays_excluded_until_a_reset(ros):
     ros.wait_for(lambda: len(estimates) == 3, what="an estimate from another push")
     assert (estimates[-1].data_points, estimates[-1].pushes) == (1, 1)
     answer = call(ros, node, SelectPush, "estimator/keep_push", SelectPush.Request(push_id=7))
-    assert (answer.success, answer.message) == (True, "kept: 3 data points of 2 pushes are in")
+    assert (answer.success, answer.message) == (True, "kept: 3 observations of 2 pushes are in")
     ros.wait_for(lambda: len(estimates) == 4, what="the estimate with the push")
     assert (estimates[-1].data_points, estimates[-1].pushes) == (3, 2)
     ros.wait_for(lambda: EstimatorSettings.from_text(settings[-1].data).kept == (7,), what="the settings")

@@ -1,4 +1,4 @@
-"""The planner's answers: what the core predicts from the same data points, over the real middleware."""
+"""The planner's answers: what the core predicts from the same observations, over the real middleware."""
 
 from importlib.resources import files
 

@@ -47,7 +47,7 @@ class Cell:
             ros.wait_for(out.get_subscription_count, PATIENCE, f"the view's subscription to {out.topic_name}")
 
     def push(self, push: int, stamp: int, estimate_first: bool = False) -> None:
-        """A data point and the estimate after it, in either order."""
+        """An observation and the estimate after it, in either order."""
         observation = Observation(push_id=push, contact_point=Point(x=0.01), contact_normal=Vector3(y=-1.0))
         estimate = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=stamp, pushes=push + 1)
         estimate.contact_friction.max = float("inf")

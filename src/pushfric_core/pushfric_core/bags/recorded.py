@@ -172,10 +172,10 @@ class Recorded:
             found, record = self._observations(self._bag, model, settings, warn, partial, ledger)
         for push_id in settings.excluded:
             if all(observation.push_id != push_id for observation in found):
-                raise InvalidInput(f"{path}: no data point of push {push_id}, which is to be left out")
+                raise InvalidInput(f"{path}: no observation of push {push_id}, which is to be left out")
         reading = Reading(found, settings.excluded, ledger, record)
         if settings.with_forces and all(observation.force is None for observation in reading.observations):
-            raise InvalidInput(f"{path}: no data point has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
+            raise InvalidInput(f"{path}: no observation has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
         return reading
 
     def ledger(self) -> Ledger | None:
@@ -216,7 +216,7 @@ class Recorded:
         record = RunRecord(bag, source.namespace)
         found = _account(bag, source, model.outline, settings, ledger, record, warn)
         if not found:
-            raise InvalidInput(f"{path}: its {source.kind} give no data point of {model.name}")
+            raise InvalidInput(f"{path}: its {source.kind} give no observation of {model.name}")
         if record.unfinished is not None:
             warn(f"{path}: {record.unfinished}")
         record.close(ledger, found if _is_recorded(path, model) else None, settings, len(earlier))
@@ -234,7 +234,7 @@ class Recorded:
                 return ObservationSource(kind, cell, topics)
         where = "" if self._namespace is None else f" of {cell or '/'}"
         raise InvalidInput(
-            f"{bag.path}: no data points{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
+            f"{bag.path}: no observations{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
         )
 
     def _cell(self, bag: "Bag") -> str | None:
@@ -247,8 +247,8 @@ class Recorded:
             return f"/{self._namespace.strip('/')}".rstrip("/")
         found = cells(bag)
         if len(found) > 1:
-            names = ", ".join(cell or "/" for cell in found)
-            raise InvalidInput(f"{bag.path}: holds the data points of {len(found)} cells, {names}; choose one with --namespace")
+            which = f"{len(found)} cells, {', '.join(cell or '/' for cell in found)}"
+            raise InvalidInput(f"{bag.path}: holds the observations of {which}; choose one with --namespace")
         return found[0] if found else None
 
 
@@ -373,7 +373,7 @@ def _from_poses(
     if maker.apart is not None:
         warn(f"{bag.path}: {tip_stays_away(maker.apart)}")
     if maker.waiting:
-        warn(f"{bag.path}: ends before the force of its last data points was measured; left out: {maker.waiting}")
+        warn(f"{bag.path}: ends before the force of its last observations was measured; left out: {maker.waiting}")
 
 
 def _recorded(

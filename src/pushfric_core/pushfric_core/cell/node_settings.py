@@ -324,7 +324,7 @@ class PlannerConfig:
         check_ranges(self)
 
 
-class DataPointSource(enum.Enum):
+class EstimatorInput(enum.Enum):
     """Where the estimator's observations come from."""
 
     POSES = "poses"
@@ -345,8 +345,8 @@ class ModelConfig:
 class EstimatorNodeConfig:
     """Where the observations come from. From the graph."""
 
-    source: DataPointSource = setting(
-        DataPointSource.POSES, "poses: observations from object_pose and pusher_state; observations: from that topic"
+    source: EstimatorInput = setting(
+        EstimatorInput.POSES, "poses: observations from object_pose and pusher_state; observations: from that topic"
     )
     bag: str = setting("", "folder of the run's bag, from which a restarted estimator resumes; empty: none")
 

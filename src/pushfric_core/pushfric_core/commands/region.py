@@ -69,7 +69,7 @@ def region(
     half_planes = narrowed(model.outline, data, config.region_margin, warn)
     planned = planned_pushes(half_planes, pushes) if plan is not None else []
     if plan is not None and not planned:
-        raise InvalidInput("the data points contradict each other: no push is worth planning; try a larger --region-margin")
+        raise InvalidInput("the observations contradict each other: no push is worth planning; try a larger --region-margin")
     if plan is not None:
         save_plan([push for push, _ in planned], plan)
     left = half_planes.region()
@@ -82,13 +82,13 @@ def region(
 
 
 def narrowed(outline: Outline, data: Iterable[Observation], margin: float, warn: Warn) -> HalfPlanes:
-    """The half-planes in which the data points leave p_CF, from their lines of motion, as in a live estimator.
+    """The half-planes in which the observations leave p_CF, from their lines of motion, as in a live estimator.
 
     Args:
         outline: of the object.
-        data: the data points.
+        data: the observations.
         margin: by how much the half-planes are widened, as for `HalfPlanes` [m].
-        warn: called with a line of text for each data point left out.
+        warn: called with a line of text for each observation left out.
     """
     half_planes = HalfPlanes(outline, margin)
     for _ in taken(lambda observation: half_planes.add(line_of_motion(observation)), data, warn):
@@ -112,7 +112,7 @@ def region_report(region: Region, next_pushes: Sequence[RankedPush], slip_pushes
 def _lines(figures: dict[str, Any]) -> Iterator[str]:
     x, y = (1e3 * value for value in figures["center_of_friction"])
     size = f"{figures['area'] * 1e4:.3g} cm^2"
-    contradicted = f"collapsed: the data points contradict each other, by {figures['violation'] * 1e3:.2f} mm in all"
+    contradicted = f"collapsed: the observations contradict each other, by {figures['violation'] * 1e3:.2f} mm in all"
     yield f"region {contradicted if figures['collapsed'] else size}"
     yield f"p_CF   ({x:.2f}, {y:.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}"
     for push in figures["next_pushes"]:

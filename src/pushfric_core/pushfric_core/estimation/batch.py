@@ -20,7 +20,7 @@ def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], war
         try:
             yield take(observation)
         except PushfricError as error:
-            warn(f"data point of push {observation.push_id} refused: {error}")
+            warn(f"observation of push {observation.push_id} refused: {error}")
 
 
 def last(results: Iterable[Taken]) -> Taken:
@@ -31,7 +31,7 @@ def last(results: Iterable[Taken]) -> Taken:
     """
     newest = deque(results, maxlen=1)
     if not newest:
-        raise InvalidInput("no data point could be used, expected at least one")
+        raise InvalidInput("no observation could be used, expected at least one")
     return newest[0]
 
 

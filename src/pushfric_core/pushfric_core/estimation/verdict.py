@@ -196,27 +196,27 @@ class InputCheck:
         wrong_motion = False  # against which forces would seem turned
         if self._behind > MAJORITY * self._count or self._inverted > MANY_RECEDE * self._count:
             text = (
-                f"the normals point inward in {self._behind} of {self._count} data points: contact_normal must point away from "
-                "the object; negate normal_x and normal_y"
+                f"the normals point inward in {self._behind} of {self._count} observations: contact_normal must point away "
+                "from the object; negate normal_x and normal_y"
             )
             found.append(Reason(ReasonCode.NORMALS_INWARD, text))
         elif self._about_origin > MAJORITY * self._count:
             wrong_motion = True
             text = (
-                f"the object seems to turn about the origin of its frame in {self._about_origin} of {self._count} data points, "
-                "as if omega were in degrees: give omega in radians per unit of time"
+                f"the object seems to turn about the origin of its frame in {self._about_origin} of {self._count} "
+                "observations, as if omega were in degrees: give omega in radians per unit of time"
             )
             found.append(Reason(ReasonCode.OMEGA_IN_DEGREES, text))
         elif self._receding > MANY_RECEDE * self._count:
             wrong_motion = True
             text = (
-                f"the contact moves away from the pusher in {self._receding} of {self._count} data points: vx, vy, omega must "
+                f"the contact moves away from the pusher in {self._receding} of {self._count} observations: vx, vy, omega must "
                 "be the velocity of the object-frame origin, in the object frame"
             )
             found.append(Reason(ReasonCode.CONTACTS_RECEDE, text))
         if self._timed > MAJORITY * self._count or (self._fast > MAJORITY * self._count and misfit > CLEAR_MISFIT):
             text = (
-                f"the object moves faster than {self._fastest:.2g} m/s in {self._fast} of {self._count} data points, where "
+                f"the object moves faster than {self._fastest:.2g} m/s in {self._fast} of {self._count} observations, where "
                 "inertia is not small next to friction: push more slowly, or give vx, vy in m/s"
             )
             found.append(Reason(ReasonCode.TOO_FAST, text))
@@ -250,7 +250,7 @@ class InputCheck:
         error, misfit = estimate.moment_error, estimate.comparison.misfit
         what = "check the units and frames of contact, twist and outline, and the support points"
         if error is not None and error > POOR_FIT * self._radius:
-            text = f"the data points err by {error * 1e3:.1f} mm on average, far more than real pushes do: {what}"
+            text = f"the observations err by {error * 1e3:.1f} mm on average, far more than real pushes do: {what}"
             return [Reason(ReasonCode.POOR_FIT, text)]
         if misfit is not None and misfit > POOR_MISFIT:
             text = f"motions are typically {math.degrees(misfit):.0f} degrees off, far more than those of real pushes: {what}"
@@ -280,8 +280,8 @@ class InputCheck:
             "and support points have the same frame"
         )
         text = (
-            f"the half-planes contradict the program: in {100 * share:.0f} % of the data points, of {len(opposed)} pushes, the "
-            f"object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: {cause}"
+            f"the half-planes contradict the program: in {100 * share:.0f} % of the observations, of {len(opposed)} pushes, "
+            f"the object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: {cause}"
         )
         return [Reason(ReasonCode.HALF_PLANES, text)]
 

@@ -53,7 +53,7 @@ class SampleFile(Strict):
     weight: Share
 
 
-class DataPointFile(Strict):
+class ObservationEntry(Strict):
     """An observation, object frame, SI units."""
 
     contact: Point
@@ -97,7 +97,7 @@ class ModelFile(Strict):
     ensemble: tuple[SampleFile, ...] = ()
     made: MadeFile
     versions: dict[str, str] = pydantic.Field(default_factory=dict)
-    data_points: tuple[DataPointFile, ...] = ()
+    data_points: tuple[ObservationEntry, ...] = ()
 
     @pydantic.model_validator(mode="before")
     @classmethod
@@ -188,7 +188,7 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
         ensemble=_ensemble(friction),
         made=made,
         versions={"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in VERSIONED},
-        data_points=tuple(map(_data_point, estimate.observations)),
+        data_points=tuple(map(_entry, estimate.observations)),
     )
 
 
@@ -210,8 +210,8 @@ def _ensemble(friction: FrictionModel) -> tuple[SampleFile, ...]:
     return tuple(SampleFile(w=w.tolist(), mu_c=float(mu_c), weight=float(share)) for w, mu_c, share in samples)
 
 
-def _data_point(observation: Observation) -> DataPointFile:
-    return DataPointFile(
+def _entry(observation: Observation) -> ObservationEntry:
+    return ObservationEntry(
         contact=observation.contact_point,
         normal=observation.contact_normal,
         twist=(*observation.twist,),

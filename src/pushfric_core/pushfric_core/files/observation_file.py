@@ -33,7 +33,7 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
     Raises:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
-    columns, rows = read_table(path, REQUIRED, "data points")
+    columns, rows = read_table(path, REQUIRED, "observations")
     for x, y in PAIRS:
         if (x in columns) != (y in columns):
             raise InvalidInput(f"{path}: expected both of {x} and {y}, or neither")

@@ -67,7 +67,7 @@ def differing(points: npt.ArrayLike, errors: Sequence[float], mu_c: Sequence[flo
             )
         if z_error > TOO_FAR and error > np.median(errors):
             times = error / max(float(np.median(errors)), 1e-12)
-            reason.append(f"the fit error of a data point is {times:.1f} times that of the others")
+            reason.append(f"the fit error of an observation is {times:.1f} times that of the others")
         if z_mu > TOO_FAR:
             reason.append(f"mu_c is {mu:.3f}; the median is {np.nanmedian(known):.3f}")
     return reasons

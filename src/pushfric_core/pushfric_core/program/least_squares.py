@@ -49,7 +49,7 @@ def least_squares_fit(observations: Sequence[Observation], support_points: npt.A
     """
     points = check_points(support_points)
     if not observations:
-        raise ValueError("a least-squares fit needs at least one data point")
+        raise ValueError("a least-squares fit needs at least one observation")
     pointlike = [replace(observation, half_width=0.0) for observation in observations]
     moments = np.concatenate([Moment().rows(one, support_forces(points, one.twist)).a for one in pointlike])
     uniform = np.full(len(points), 1 / len(points))

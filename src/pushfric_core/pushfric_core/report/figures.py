@@ -72,8 +72,8 @@ def summary_figure(
     Args:
         path: where to write the image; its suffix selects the format.
         outline: of the object.
-        estimates: the estimates after each data point, at least one; w and mu_c are drawn from the last.
-        data: the data points of the last estimate.
+        estimates: the estimates after each observation, at least one; w and mu_c are drawn from the last.
+        data: the observations of the last estimate.
         truth: the simulated object; None if it is not known: then the last panel shows p_CF itself instead of its error.
         slipping: ids of the pushes whose contact is known to slip; the figure marks their lower bounds on mu_c.
     Raises:
@@ -206,7 +206,7 @@ def _save(figure: Figure, path: pathlib.Path) -> None:
 
 
 def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation]) -> None:
-    """Two pushes: the outline and the contact at each data point, or all contacts on the outline if the poses are unknown."""
+    """Two pushes: the outline and the contact at each observation, or all contacts on the outline if the poses are unknown."""
     pushes = sorted({o.push_id for o in data if o.pose is not None})
     shown = [pushes[index] for index in sorted({len(pushes) // 5, len(pushes) - 1 - len(pushes) // 5})] if pushes else []
     shift = 0.0
@@ -221,11 +221,11 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
             contact = transform(o.pose, o.contact_point) + (shift - left, 0)
             axes.plot(*(contact * MILLIMETRE), "o", color=INK, ms=3.5)
         shift += right - left + 0.02
-    title = f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each data point"
+    title = f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each observation"
     if not shown:
         axes.plot(*(closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
         axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=ESTIMATE, ms=3.5, alpha=0.6)
-        title = "Object and contact of each data point"
+        title = "Object and contact of each observation"
     axes.set_title(title)
     axes.set_aspect("equal", "datalim")
     axes.axis("off")  # the pushes stand side by side: no place of theirs means anything, only their size does
@@ -270,7 +270,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
         axes.axvline(min(value, end + BIN_WIDTH / 2), label=f"{name}: {value:.2f}", **style)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     last = max(1.0, *(min(value, end) + BIN_WIDTH for _, value, _ in marks))
-    axes.set(title="Lower bounds on $\\mu_c$", xlabel="$\\mu_c$", ylabel="data points", xlim=(0, last))
+    axes.set(title="Lower bounds on $\\mu_c$", xlabel="$\\mu_c$", ylabel="observations", xlim=(0, last))
     if last > end:
         axes.set_xticks(
             [*np.arange(0, end, 0.5), end + BIN_WIDTH / 2], [*(f"{tick:g}" for tick in np.arange(0, end, 0.5)), f">{end:g}"]
@@ -279,7 +279,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
 
 
 def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:
-    """p_CF against the number of data points: its error in percent of the sides; if the truth is unknown, its coordinates."""
+    """p_CF against the number of observations: its error in percent of the sides; if the truth is unknown, its coordinates."""
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
     half: Array = np.array([_half_extents(estimate) for estimate in estimates])
@@ -297,9 +297,9 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
         # linear below a hundredth of a percent: an error may be zero
         axes.set_yscale("symlog", linthresh=0.01)
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.set(title="Error of $p_{CF}$", xlabel="data points", ylabel="% of the side", ylim=(0, None))
+        axes.set(title="Error of $p_{CF}$", xlabel="observations", ylabel="% of the side", ylim=(0, None))
     else:
-        axes.set(title="Centre of friction, with 90 % intervals", xlabel="data points", ylabel="mm")
+        axes.set(title="Centre of friction, with 90 % intervals", xlabel="observations", ylabel="mm")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.legend(ncols=2)
 

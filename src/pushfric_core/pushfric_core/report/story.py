@@ -4,10 +4,10 @@ The story is one flat dict; a change is a part of it. A value of None removes a 
 
     cell, object     where the run comes from, the object's name, and its outline
     estimate         the present estimate as the command line's JSON names it, with mu_c's histogram; None: no data yet
-    moment/N         a data point: what was seen, what had been predicted, and the estimate after it
+    moment/N         an observation: what was seen, what had been predicted, and the estimate after it
     push/ID          a push: whether it was left out or aborted
     event/N          what happened between two moments
-    picture/N        an image that was kept: its time, and the data points before it
+    picture/N        an image that was kept: its time, and the observations before it
     support/NAME     the support points of an object
     plan             the last plan_progress
     report           file of the page that the run leaves behind; empty: none
@@ -40,7 +40,7 @@ RUN_PAGE = pathlib.Path(__file__).parent / "run"
 """Folder of the page that shows a story."""
 
 REMEMBERED = 1000
-"""Data points and estimates come on two topics. One waits for its counterpart until this many more of its kind have come."""
+"""Observations and estimates come on two topics. One waits for its counterpart until this many more of its kind have come."""
 
 MOST_PICTURES = 15e6
 """Size of all pictures of a story [byte]; beyond it, every second one is given up."""
@@ -70,8 +70,8 @@ class Story:
         self._model, self._cell = model, cell
         self._pushes: dict[int, Change] = {}
         self._moments: dict[int, Change] = {}
-        self._moment_of: OrderedDict[int, int] = OrderedDict()  # stamp of a data point [ns] -> its moment
-        self._after: OrderedDict[int, Change] = OrderedDict()  # stamp of the newest data point [ns] -> the estimate
+        self._moment_of: OrderedDict[int, int] = OrderedDict()  # stamp of an observation [ns] -> its moment
+        self._after: OrderedDict[int, Change] = OrderedDict()  # stamp of the newest observation [ns] -> the estimate
         self._recent: deque[EstimateReport] = deque(maxlen=8)
         self._learnt: tuple[int, FrictionModel | None] | None = None  # the push under way, and what was known before it
         self._support: dict[str, Any] = {}
@@ -96,7 +96,7 @@ class Story:
         return {"cell": self._cell, "object": model, "estimate": None}
 
     def on_estimate(self, report: EstimateReport | None) -> Change:
-        """The estimate, and the moment that its newest data point belongs to; None: estimation starts again."""
+        """The estimate, and the moment that its newest observation belongs to; None: estimation starts again."""
         if report is None:
             return self._without_data()
         told = with_histogram(report.to_dict(), report.friction)
@@ -113,7 +113,7 @@ class Story:
         return change | self._joined(report.stamp)
 
     def on_observation(self, observation: Observation) -> Change:
-        """A data point: what was seen, and what had been predicted from the pushes before."""
+        """An observation: what was seen, and what had been predicted from the pushes before."""
         seen, stamp, push = self._seen, observation.stamp, observation.push_id
         self._seen += 1
         predicted, angle = self._predicted(observation)

@@ -105,7 +105,7 @@ class Observation:
                 f"the twist must have a size between {SLOWEST:g} and {1 / SLOWEST:g}, got {tuple(map(float, self.twist))}"
             )
         if not any(self.twist):
-            raise UninformativePush("the twist of a data point must not be zero: the object did not move")
+            raise UninformativePush("the twist of an observation must not be zero: the object did not move")
 
     def check_contact(self, outline: Outline) -> None:
         """Refuse a contact that is not on the object, and a motion that nothing makes, which is likely to be in other units.

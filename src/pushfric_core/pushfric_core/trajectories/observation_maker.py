@@ -75,7 +75,7 @@ class ObservationMaker:
             ValueError: the force is not finite, or observations are made without forces.
         """
         if self._forces is None:
-            raise ValueError("data points are made without forces here")
+            raise ValueError("observations are made without forces here")
         return self._forces.add_force(sample)
 
     def _with_forces(self, made: list[Observation]) -> list[Observation]:

@@ -85,7 +85,7 @@ class ForceMatcher:
             ValueError: the observation has no pose, so the force cannot be expressed in the object frame.
         """
         if observation.pose is None:
-            raise ValueError("a data point needs its pose to be given a force")
+            raise ValueError("an observation needs its pose to be given a force")
         self._waiting.append(observation)
         return self._complete()
 

@@ -201,7 +201,7 @@ def _explained(run: "_Run") -> Iterable[Explanation]:
         "object-frame origin"
     )
     yield Explanation(Reason(ReasonCode.TWIST_OF_CONTACT, text), run.fitted(of_object, run.area(of_object)).evidence)
-    text = "the object was pushed with two fingers or an edge: give half_width, half of their distance, with each data point"
+    text = "the object was pushed with two fingers or an edge: give half_width, half of their distance, with each observation"
     evidence = max(run.fitted(run.twists, half_width=half_width).evidence for half_width in FINGERS)
     yield Explanation(Reason(ReasonCode.TWO_FINGERS, text), evidence)
 

@@ -95,7 +95,7 @@ REASONS = {
         ReasonCode.TIP_DRIFT,
         "the object moves into or off the tip over the whole push: tracking wandered, or another outline was touched",
     ),
-    "jump": Reason(ReasonCode.MOTION_JUMPS, "the motion jumps from one data point to the next: tracking jumped"),
+    "jump": Reason(ReasonCode.MOTION_JUMPS, "the motion jumps from one observation to the next: tracking jumped"),
     "poses": Reason(ReasonCode.POSES_DISAGREE, "the velocities disagree with the poses that were seen"),
     "moment": Reason(ReasonCode.MOMENT_CONTRADICTS, "it contradicts the other pushes"),
 }

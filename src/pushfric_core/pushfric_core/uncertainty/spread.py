@@ -136,7 +136,7 @@ def rise(objective: float, worst: float, data_points: int, w: Array) -> float:
 
 
 class Scatter(NamedTuple):
-    """How the errors of the data points scatter."""
+    """How the errors of the observations scatter."""
 
     factors: Array  # (4,) the variance along each of the four axes over the half extent squared
     misfit: float = 0.0  # median size of a push's mean error [m]

@@ -186,5 +186,5 @@ def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
         console.print(f"By the pushes that slipped, mu_c lies {interval}.", highlight=False)
     certificate = f"no w fits better by more than {msg.gap * 1e3:.1e} mm (certified)"
     console.print(
-        f"The fit error is {msg.objective * 1e3:.3f} mm, summed over the data points; {certificate}.", highlight=False
+        f"The fit error is {msg.objective * 1e3:.3f} mm, summed over the observations; {certificate}.", highlight=False
     )

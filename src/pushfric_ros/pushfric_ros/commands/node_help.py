@@ -1,4 +1,4 @@
-"""What `NODE_node --help` prints, found by asking the node itself."""
+"""The text of `NODE_node --help`, found by asking the node itself."""
 
 import inspect
 import math

@@ -53,7 +53,7 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int
     live_counts = (0, 0) if live is None else (live.data_points, live.pushes)
     if counts != live_counts:
         said.append(
-            "the live estimate missed messages that are in the bag, or the other way round: it has {} data points of {} "
+            "the live estimate missed messages that are in the bag, or the other way round: it has {} observations of {} "
             "pushes, the bag {} of {}; read the bag with ./pushfric estimate {}".format(*live_counts, *counts, bag)
         )
     return said

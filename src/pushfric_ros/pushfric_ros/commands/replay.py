@@ -63,7 +63,7 @@ def replay(
         expected = len(settings.relied_on(data, model.support_points, lambda _: None))
         if last is None or last.data_points < expected:
             arrived = 0 if last is None else last.data_points
-            fail(f"the live graph made only {arrived} of the {expected} data points in the bag; try a lower --rate", 1)
+            fail(f"the live graph made only {arrived} of the {expected} observations in the bag; try a lower --rate", 1)
         print_result(report_from_msg(last).to_dict(), json, settings.estimator.loss)
         printed = True
 

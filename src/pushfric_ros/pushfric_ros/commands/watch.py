@@ -254,7 +254,7 @@ class Monitor:
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)
-        for name in ("push", "data points", "p_CF x [mm]", "p_CF y [mm]", "mu_c 90 %", "mu_c 100 %", "fit [mm]"):
+        for name in ("push", "observations", "p_CF x [mm]", "p_CF y [mm]", "mu_c 90 %", "mu_c 100 %", "fit [mm]"):
             table.add_column(escape(name), justify="right")
         for push, msg in self._rows.items():
             table.add_row(str(push), *_cells(msg))
@@ -281,7 +281,7 @@ class Monitor:
 def line_of(msg: FrictionEstimate) -> str:
     """An estimate as a line of text."""
     points, x, y, p90, largest, error = _cells(msg)
-    noun = "data point " if msg.data_points == 1 else "data points"
+    noun = "observation " if msg.data_points == 1 else "observations"
     bounds = f"mu_c 90 % {p90}, 100 % {largest}"
     return f"push {msg.pushes:3d}  {points} {noun}  p_CF ({x}, {y}) mm  {bounds}  fit error {error} mm"
 

@@ -22,7 +22,7 @@ function niceStep(span, parts) {
 
 /** The object in its own frame: w, p_CF with its ellipse, and where it was touched.
  *
- * `estimate` is what is shown, `pinned` what it is compared with; `moments` are the data points so far, `last` the newest of them.
+ * `estimate` is what is shown, `pinned` what it is compared with; `moments` are the observations so far, `last` the newest of them.
  */
 export function drawObject(svg, outline, estimate, pinned, moments, last) {
   if (!outline.length) {

@@ -1,4 +1,4 @@
-// The line of a run: its pushes and events, and three curves over all of its data points.
+// The line of a run: its pushes and events, and three curves over all of its observations.
 import { made, number, path } from "./drawings.js";
 
 const PAD = 8; // half of the slider's thumb, so that both lie below one another [px]
@@ -9,7 +9,7 @@ const SMALLEST = -3; // power of ten that is worth an axis
 
 const TRACKS = [
   ["p_CF within", " mm", ({ known }) => 1e3 * number(known?.confidence)],
-  ["Fit error per data point", " mm", ({ known }) => (1e3 * number(known?.objective)) / known?.data_points],
+  ["Fit error per observation", " mm", ({ known }) => (1e3 * number(known?.objective)) / known?.data_points],
   ["Prediction off by", "°", ({ off }) => number(off)],
 ];
 const SIGNS = { bad: "✗", note: "◆", good: "✓" };

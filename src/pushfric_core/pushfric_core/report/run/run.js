@@ -3,7 +3,7 @@ const KINDS = ["moment", "push", "event", "picture"];
 
 export class Run {
   story = {};
-  moments = []; // the data points, each with its push and what was known after it
+  moments = []; // the observations, each with its push and what was known after it
   pushes = []; // each with its moments
   events = [];
   pictures = [];

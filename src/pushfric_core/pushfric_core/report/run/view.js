@@ -134,7 +134,7 @@ function redraw() {
   });
 }
 
-// What changes only with the data points: in a long run it must not be drawn again for each moment
+// What changes only with the observations: in a long run it must not be drawn again for each moment
 function drawAll() {
   at("time").hidden = connection === "over" && !run.moments.length;
   toLine = drawLine(at("line"), run, lastIndex());
@@ -176,7 +176,7 @@ function drawHeader() {
 
 function drawNow() {
   const { plan, fault, estimate } = story;
-  let prompt = plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the data points as they come" : "Waiting for the run …");
+  let prompt = plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
@@ -228,7 +228,7 @@ function drawTime(moment, compared) {
 }
 
 const lastIndex = () => run.moments.length - (connection === "over" ? 1 : 0); // of the slider: in a live run it is now
-const nameOf = ({ row, place, t }) => `push ${run.numberOf(row.push)}, data point ${place} of ${row.moments.length}${t ? `, ${t.toFixed(1)} s` : ""}`;
+const nameOf = ({ row, place, t }) => `push ${run.numberOf(row.push)}, observation ${place} of ${row.moments.length}${t ? `, ${t.toFixed(1)} s` : ""}`;
 const happened = (moment) => run.events.filter(({ at: before }) => before === (moment ? moment.index : run.moments.length)).map(({ text }) => text);
 
 function drawComparison(compared, moment) {
@@ -260,7 +260,7 @@ function choose(index) {
   redraw();
 }
 
-// To the last data point of the push before or after
+// To the last observation of the push before or after
 function leap(way) {
   const ends = run.moments.filter((moment) => moment.place === moment.row.moments.length).map(({ index }) => index);
   const from = shown()?.index ?? run.moments.length;
@@ -275,10 +275,10 @@ function drawNumbers(estimate) {
   const mu = estimate?.mu_c;
   const measured = known(mu?.value);
   at("mu").textContent = !mu ? "–" : measured ? plain(mu.value) : `≥ ${plain(mu.p90)}`;
-  at("mu_kind").textContent = !mu ? "" : measured ? `${plain(mu.interval[0])} to ${plain(mu.interval[1])} with 90 %, from ${mu.kind}` : "a lower bound (90 % of the data points)";
+  at("mu_kind").textContent = !mu ? "" : measured ? `${plain(mu.interval[0])} to ${plain(mu.interval[1])} with 90 %, from ${mu.kind}` : "a lower bound (90 % of the observations)";
   unit("fit", estimate ? mm(estimate.objective, 3) : "–", "mm");
   at("certified").textContent = estimate ? `${estimate.status}; certified to ${Number((number(estimate.gap) * 1e3).toPrecision(1))} mm` : "";
-  at("points").textContent = estimate ? counted(estimate.data_points, "data point") : "–";
+  at("points").textContent = estimate ? counted(estimate.data_points, "observation") : "–";
   at("pushes").textContent = estimate ? `of ${estimate.pushes} ${estimate.pushes === 1 ? "push" : "pushes"}` : "";
 }
 
@@ -361,7 +361,7 @@ function drawTable() {
     if (!line) {
       line = document.createElement("tr");
       line.dataset.push = row.push;
-      for (const label of ["push", "data points", "p_CF x [mm]", "p_CF y [mm]", "μ_c 90 %", "fit error [mm]", "verdict", ""]) {
+      for (const label of ["push", "observations", "p_CF x [mm]", "p_CF y [mm]", "μ_c 90 %", "fit error [mm]", "verdict", ""]) {
         const cell = line.insertCell();
         if (label) cell.dataset.label = label;
       }
@@ -397,7 +397,7 @@ function judged(row) {
   const rejected = rejectionOf(row);
   if (rejected) return [`✗ left out: ${rejected.reason.text}`, true];
   if (row.aborted) return ["✗ aborted", true];
-  if (!row.moments.length) return ["no data point yet", false];
+  if (!row.moments.length) return ["no observation yet", false];
   return ["✓ counts", false];
 }
 

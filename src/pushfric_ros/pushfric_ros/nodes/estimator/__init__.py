@@ -20,7 +20,7 @@ from pushfric_core.bags.samples import (
     pusher_sample_from_msg,
     stamp_from_msg,
 )
-from pushfric_core.cell.node_settings import DataPointSource, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
+from pushfric_core.cell.node_settings import EstimatorInput, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.online_estimation import OnlineEstimation
@@ -90,7 +90,7 @@ class EstimatorNode(Node):
         self._settings.new_estimator(self._object.support_points).estimate()
         self._observations_out = self._required_subscribers = None
         Heartbeat(self)
-        if config.source is DataPointSource.OBSERVATIONS:
+        if config.source is EstimatorInput.OBSERVATIONS:
             topics.subscribe(ObservationMsg, "observation", self._on_observation, RELIABLE)
         else:
             self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)
@@ -186,7 +186,7 @@ class EstimatorNode(Node):
             self._look.cancel()
             self._resumption = None
             estimate = self._online.estimate
-            known = "no data points" if estimate is None else data_of(estimate.data_points, estimate.pushes)
+            known = "no observations" if estimate is None else data_of(estimate.data_points, estimate.pushes)
             self.get_logger().warning(f"has gone on from the bag with {known}; the topics lead from here")
 
     def _begin(self, chosen: str) -> None:
@@ -440,13 +440,13 @@ class EstimatorNode(Node):
         return ledger
 
     def _health(self) -> Health:
-        values = {"object": self._object.name, "refused": self._refused, "data points": 0}
+        values = {"object": self._object.name, "refused": self._refused, "observations": 0}
         if (estimate := self._online.estimate) is not None:
             solution = estimate.solution
             values |= {
-                "data points": estimate.data_points,
+                "observations": estimate.data_points,
                 "fit error": solution.objective,
-                "fit error per data point": solution.objective / estimate.data_points,
+                "fit error per observation": solution.objective / estimate.data_points,
                 "gap": solution.gap,
                 "status": estimate.status.value,
             }
@@ -455,7 +455,7 @@ class EstimatorNode(Node):
             self.get_logger().warning(event.text)
         self._noted.update(self._maker.events)
         if self._maker.waiting is not None:
-            values["data points without their force yet"] = self._maker.waiting
+            values["observations without their force yet"] = self._maker.waiting
         if self._resumption is not None:
             return Health(Level.WARN, f"goes on from {self._bag}", values)
         if silent := without_publisher(self):
@@ -478,7 +478,7 @@ class EstimatorNode(Node):
         if self._verdict.rejected:
             words = "; ".join(f"push {one.push_id} is left out: {one.reason}" for one in self._verdict.rejected)
             return Health(Level.OK, words, values)
-        return Health(Level.OK, "estimating" if estimate is not None else "waiting for data points", values)
+        return Health(Level.OK, "estimating" if estimate is not None else "waiting for observations", values)
 
 
 def main() -> None:

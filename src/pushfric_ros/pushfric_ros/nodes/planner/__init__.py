@@ -59,7 +59,7 @@ class PlannerNode(Node):
 
     def _health(self) -> Health:
         basis, turns = self._known.basis, self._turns
-        values = {"object": basis.object, "data points": basis.data_points}
+        values = {"object": basis.object, "observations": basis.data_points}
         values |= {name: getattr(turns, name) for name in ("answered", "refused", "dropped", "waiting")}
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)

@@ -1,4 +1,4 @@
-"""Data points of a simulated object that is pushed at random: many, quickly, and the same on every run."""
+"""Observations of a simulated object that is pushed at random: many, quickly, and the same on every run."""
 
 from collections.abc import Iterator
 
@@ -35,7 +35,7 @@ def support_points(n: int) -> Array:
 
 
 def data_points(n: int, seed: int) -> Iterator[ConstraintRows]:
-    """The rows of data points, without end, as the estimator's defaults make them: the moment, and f . n >= 0 as a hard row.
+    """The rows of observations, without end, as the estimator's defaults make them: the moment, and f . n >= 0 as a hard row.
 
     Args:
         n: number of hypothesised support points.
@@ -48,7 +48,7 @@ def data_points(n: int, seed: int) -> Iterator[ConstraintRows]:
 
 
 def observations(rng: np.random.Generator) -> Iterator[Observation]:
-    """Data points without end: motions and contacts in balance, to which the noise of the poses is added.
+    """Observations without end: motions and contacts in balance, to which the noise of the poses is added.
 
     The motion is drawn at random. The contact follows from it: it is where the line of the pushing force enters the outline.
     """
@@ -72,7 +72,7 @@ def observations(rng: np.random.Generator) -> Iterator[Observation]:
             possible = np.abs(force @ left_of(normal)) <= -MU_C * (force @ normal)
             possible &= (along > 0) & (along < 1) & (speed @ normal < 0)
             found += [(k, contact[k], normal, ADVANCE / np.hypot(*speed[k])) for k in np.flatnonzero(possible)]
-        for k, contact, normal, duration in sorted(found, key=lambda data_point: data_point[0]):
+        for k, contact, normal, duration in sorted(found, key=lambda one: one[0]):
             noise = rng.normal(0.0, POSE_NOISE)
             blurred = contact + rng.normal(0.0, POSE_NOISE[0]) * left_of(normal)
             twist = duration * omega[k] * np.array((*-left_of(center[k]), 1.0)) + noise
