@@ -117,7 +117,7 @@ class Table:
         msg.header.stamp = now.to_msg()
         self._pose_out.publish(msg)
 
-    def wait_for_message(self, text: str, timeout: float = 20.0) -> PlanProgress:
+    def wait_for_message(self, text: str, timeout: float = 120.0) -> PlanProgress:
         """Wait for the next report with this text that no earlier call has returned."""
         found: list[PlanProgress] = []
 
@@ -131,7 +131,7 @@ class Table:
         return found[0]
 
     def wait_for_end(self) -> PlanProgress:
-        last = self.wait_for_message("pushes done", 60.0)
+        last = self.wait_for_message("pushes done")
         assert last.phase == PlanProgress.PHASE_FINISHED
         with pytest.raises(SystemExit) as ended:  # the node ends its process with its plan
             self.ros.wait_for(lambda: False, what="the end")
@@ -147,7 +147,7 @@ class Table:
 
     def choose(self, choice: str) -> None:
         """Wait until a person is asked what becomes of an aborted push, and answer."""
-        asked = self.wait_for_message("Repeat it, skip it, or end the run?", 60.0)
+        asked = self.wait_for_message("Repeat it, skip it, or end the run?")
         assert asked.phase == PlanProgress.PHASE_CHOOSING
         assert "experiment/repeat" in asked.details
         assert self.call(f"experiment/{choice}")
@@ -188,7 +188,7 @@ def test_each_push_is_chosen_from_the_outcome_of_all_before_it(ros, controller, 
         wanted = placement(TABLE_1["wood_rect4"].outline, choice, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
         assert table.wanted[-1] == pytest.approx(wanted, abs=1e-3)
         # the estimator has not processed the last push yet
-        table.wait_for_message("waiting for: the region of p_CF", 30.0)
+        table.wait_for_message("waiting for: the region of p_CF")
     region.publish(CenterOfFrictionRegion(collapsed=True))
     ros.wait_for(lambda: table.node._region.collapsed, what="the collapse")
     table.settled = time.time_ns()
@@ -214,7 +214,7 @@ def test_from_the_fourth_on_every_other_chosen_push_is_for_mu_c(ros, controller,
         ros.wait_for(lambda number=number: len(table.wanted) == number - 3, what="the placement")
         wanted = placement(TABLE_1["wood_rect4"].outline, expected, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
         assert table.wanted[-1] == pytest.approx(wanted, abs=1e-3)
-        table.wait_for_message("waiting for: the region of p_CF" if number < 8 else "5 of 8 pushes done", 30.0)
+        table.wait_for_message("waiting for: the region of p_CF" if number < 8 else "5 of 8 pushes done")
         if number == 7:
             mu_c.publish(ContactFriction(kind=ContactFriction.KIND_SLIP))
 
@@ -234,7 +234,7 @@ def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     life.end()  # the node has died, and is started again
     ros.wait_for(lambda: table.node._unwell() == "estimator", 60.0, what="the silence of the estimator")
     table.object = wanted
-    table.wait_for_message("waiting for: estimator", 60.0)
+    table.wait_for_message("waiting for: estimator")
     assert not pushed(table.states)
     life = Heartbeat(estimator)
     ros.wait_for(lambda: 0 in pushed(table.states), 60.0, what="the push")
@@ -253,7 +253,7 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     status = DiagnosticStatus(name="/cell/pose_source", values=[KeyValue(key="no pose", value=reason)])
     source = ros.node("pose_source", namespace="/cell")
     said = source.create_timer(0.1, lambda: table._health_out.publish(DiagnosticArray(status=[status])))
-    table.wait_for_message(f": {reason}", 60.0)
+    table.wait_for_message(f": {reason}")
     said.cancel()
     table.object, table.visible = wanted._replace(theta=wanted.theta + 0.7), True
     table.wait_for_message("it is turned 40 degrees too far")
@@ -412,7 +412,7 @@ def test_a_foreign_clock_is_named_before_the_first_push(ros, controller, tmp_pat
     table = Table(ros, tmp_path, **plan)
     table.now = lambda: time.time_ns() + off * 10**9
     table.settled = (2**31 - 1) * 10**9
-    told = table.wait_for_message(f"no push can be measured: the clock of the camera is {way} this computer's: set it", 60.0)
+    told = table.wait_for_message(f"no push can be measured: the clock of the camera is {way} this computer's: set it")
     assert told.phase == PlanProgress.PHASE_WAITING
     assert pushed(table.states) == []
     table.now = None  # someone has set it
