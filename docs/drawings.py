@@ -179,7 +179,7 @@ def columns(title: str, width: int, rows: Sequence[Sequence[str]], heads: Sequen
 def cell_file() -> str:
     """The sections of a cell's file, the files they name, and the nodes that read them."""
     rows = (
-        ("object.yaml", "object", "tracker, estimator, experiment"),
+        ("object.yaml", "object", "all of the nodes below"),
         ("camera.yaml, markers.yaml", "camera  (or poses)", "tracker  (or pose_source)"),
         ("a serial port or an arm", "pusher  (or tip)", "actuator  (or tip_source)"),
         ("plan.yaml", "plan", "experiment"),
