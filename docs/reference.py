@@ -36,7 +36,7 @@ the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need
 [src/pushfric_msgs](../src/pushfric_msgs) has the fields of all its types.
 
 QoS: *latched* is reliable and transient local ([graph.md](graph.md)). A number is the depth, unless
-it is {RELIABLE.depth} (reliable) or {LATCHED.depth} (latched).
+it is {RELIABLE.depth} (reliable) or {LATCHED.depth} (latched). [The last table](#types) has the types.
 
 `object_pose` is the pose of the frame `object` in `table` ([frames](conventions.md#frames)). The variance of z, roll and pitch
 is {UNMEASURED:g}: they are not measured.
@@ -51,20 +51,28 @@ TYPES = {bool: "boolean", int: "integer", float: "number", str: "text"}
 
 
 def cell_tables() -> str:
-    """A table for each section, without the keys of the section before if it has them all."""
-    parts, before, named = [], set[tuple[str, ...]](), ""
+    """A table for each section, without the rows of earlier sections, which it only names."""
+    parts, earlier = [], dict[str, list[tuple[str, ...]]]()
     for name, rows in (cell_sections() | arms()).items():
-        more = before <= {*rows} and bool(before)
-        title = f"### `{name}`\n\n" + (f"The keys of `{named}`, and\n\n" if more else "") if name else ""
+        old = {row for section in earlier.values() for row in section}
         shown = [
             (key, ", ".join(filter(None, (kind, span))), default, what)
             for key, kind, default, span, what in rows
-            if not more or (key, kind, default, span, what) not in before
+            if (key, kind, default, span, what) not in old
         ]
-        parts.append(title + table(COLUMNS, shown))
-        if not more:
-            before, named = {*rows}, name
+        parts.append((f"### `{name}`\n\n" if name else "") + _repeated(rows, earlier) + table(COLUMNS, shown))
+        earlier[name] = rows
     return "\n".join(parts)
+
+
+def _repeated(rows: list[tuple[str, ...]], earlier: dict[str, list[tuple[str, ...]]]) -> str:
+    """The section that these rows contain, or the keys that stand in another section, too."""
+    contained = [name for name, section in earlier.items() if {*section} <= {*rows}]
+    if contained:
+        return f"The keys of `{contained[-1]}`, and\n\n"
+    first = {row: name for name, section in reversed(earlier.items()) for row in section}
+    keys = {name: [row[0] for row in rows if first.get(row) == name] for name in earlier}
+    return "".join(f"{', '.join(names)} of `{name}`, and\n\n" for name, names in keys.items() if names)
 
 
 def cell_sections() -> dict[str, list[tuple[str, ...]]]:
@@ -112,7 +120,22 @@ def _range(field: Any) -> str:
 
 def interfaces(described: Iterable[Description]) -> str:
     """The text of docs/interfaces.md."""
-    return "\n".join((HEAD, *map(section, described)))
+    described = [*described]
+    return "\n".join((HEAD, *map(section, described), types(described)))
+
+
+def types(described: Iterable[Description]) -> str:
+    """The type of each topic, service and action that is not named as its type."""
+    named: dict[str, set[str]] = {}
+    for one in described:
+        for name, kind in ((endpoint.name, endpoint.type) for endpoint in one.endpoints):
+            package, *_, own = kind.split("/")
+            as_named = package == "pushfric_msgs" and own.lower() == name.rpartition("/")[2].replace("_", "")
+            if package != "lifecycle_msgs" and not as_named:
+                named.setdefault(kind.replace("/msg/", "/").replace("/srv/", "/"), set()).add(f"`{name}`")
+    rows = [(kind, ", ".join(sorted(names))) for kind, names in sorted(named.items())]
+    others = "Any other is named as its type in pushfric_msgs: `plan_progress` is a PlanProgress.\n"
+    return f"## Types\n\n{table(('type', 'names'), rows)}\n{others}"
 
 
 def section(described: Description) -> str:
@@ -124,9 +147,9 @@ def section(described: Description) -> str:
         if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/")
     ]
     together: dict[tuple[str, ...], list[str]] = {}
-    for role, name, *rest in topics:
-        together.setdefault((role, *rest), []).append(name)
-    topics = [(role, ", ".join(names), *rest) for (role, *rest), names in together.items()]
+    for role, name, _, quality_and_when in topics:
+        together.setdefault((role, quality_and_when), []).append(name)
+    topics = [(role, ", ".join(names), rest) for (role, rest), names in together.items()]
     settings = [
         (
             f"`{one.name}`",
@@ -141,7 +164,7 @@ def section(described: Description) -> str:
     own = [row for row in settings if row[0] not in of_cell]
     parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n"]
     if topics:
-        parts.append(table(("", "name", "type", "QoS; when"), topics))
+        parts.append(table(("", "names", "QoS; when"), topics))
     if of_cell:
         parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
     if own:
