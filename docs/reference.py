@@ -45,7 +45,9 @@ is {UNMEASURED:g}: they are not measured.
 EVERYWHERE = ("/diagnostics", "publishes")
 """Name and role of an endpoint of every node."""
 
-COLUMNS = ("key", "type", "default", "what")
+COLUMNS = ("key", "values", "default", "what")
+
+REQUIRED = "*required*"
 
 TYPES = {bool: "boolean", int: "integer", float: "number", str: "text"}
 
@@ -56,13 +58,19 @@ def cell_tables() -> str:
     for name, rows in (cell_sections() | arms()).items():
         old = {row for section in earlier.values() for row in section}
         shown = [
-            (key, ", ".join(filter(None, (kind, span))), default, what)
+            (key, _values(kind, span, default), default, what)
             for key, kind, default, span, what in rows
             if (key, kind, default, span, what) not in old
         ]
         parts.append((f"### `{name}`\n\n" if name else "") + _repeated(rows, earlier) + table(COLUMNS, shown))
         earlier[name] = rows
     return "\n".join(parts)
+
+
+def _values(kind: str, span: str, default: str) -> str:
+    """What may stand there: the type only where the default does not show it."""
+    plain = {*TYPES.values(), *(f"list of {one}s" for one in TYPES.values())}
+    return span if kind in plain and default not in (REQUIRED, "`[]`") else ", ".join(filter(None, (kind, span)))
 
 
 def _repeated(rows: list[tuple[str, ...]], earlier: dict[str, list[tuple[str, ...]]]) -> str:
@@ -97,7 +105,7 @@ def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:
     for config in configs:
         hints = typing.get_type_hints(config)
         for field in settings.fields_of(config):
-            default = "*required*" if settings.is_required(field) else f"`{as_yaml(settings.plain_value(field.default))}`"
+            default = REQUIRED if settings.is_required(field) else f"`{as_yaml(settings.plain_value(field.default))}`"
             what = field.metadata["description"]
             rows.append((f"`{settings.key_of(field)}`", _kind(hints[field.name]), default, _range(field), what))
     return rows
@@ -153,8 +161,8 @@ def section(described: Description) -> str:
     settings = [
         (
             f"`{one.name}`",
-            ", ".join(filter(None, (one.type, span(one)))),
-            "*required*" if one.required else f"`{as_yaml(one.default)}`",
+            ", ".join(filter(None, (one.type if one.required or one.default == [] else "", span(one)))),
+            REQUIRED if one.required else f"`{as_yaml(one.default)}`",
             one.description,
         )
         for one in described.settings
@@ -168,7 +176,7 @@ def section(described: Description) -> str:
     if of_cell:
         parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
     if own:
-        parts.append(table(("parameter", "type", "default", "what"), own))
+        parts.append(table(("parameter", "values", "default", "what"), own))
     return "\n".join(parts)
 
 
