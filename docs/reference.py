@@ -3,9 +3,7 @@
 import pathlib
 import sys
 import textwrap
-import typing
 from collections.abc import Iterable
-from typing import Any
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python docs/reference.py`, from any folder
 
@@ -15,7 +13,7 @@ from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
 from pushfric_core.cell.plugins import PUSHERS, plugin
 from pushfric_core.vision.sighting import UNMEASURED
 from pushfric_ros.arms.arm import ArmConfig
-from pushfric_ros.commands.node_help import Description, as_yaml, describe, limits, span
+from pushfric_ros.commands.node_help import Description, as_yaml, describe
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
@@ -29,10 +27,10 @@ HEAD = f"""\
 Written by `{COMMAND}`; do not edit.
 [graph.md](graph.md) explains the nodes and topics.
 
-Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only, set when a node starts; a
-*required* one has no default. [cell.md](cell.md#all-keys) describes the keys of a cell's file. Every node publishes
-`/diagnostics`. The lists leave out what every ROS 2 node has, the actuator's lifecycle services, and the topics of a bag, which
-the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs.
+Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only, set when a node starts;
+`ros2 run pushfric_ros NODE_node --help` has their types and ranges. [cell.md](cell.md#all-keys) describes the keys of a cell's
+file. Every node publishes `/diagnostics`. The lists leave out what every ROS 2 node has, the actuator's lifecycle services, and
+the topics of a bag, which the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs.
 [src/pushfric_msgs](../src/pushfric_msgs) has the fields of all its types.
 
 QoS: *latched* is reliable and transient local ([graph.md](graph.md)). A number is the depth, unless
@@ -45,11 +43,7 @@ is {UNMEASURED:g}: they are not measured.
 EVERYWHERE = ("/diagnostics", "publishes")
 """Name and role of an endpoint of every node."""
 
-COLUMNS = ("key", "values", "default", "what")
-
-REQUIRED = "*required*"
-
-TYPES = {bool: "boolean", int: "integer", float: "number", str: "text"}
+COLUMNS = ("key", "default", "what")
 
 
 def cell_tables() -> str:
@@ -57,20 +51,10 @@ def cell_tables() -> str:
     parts, earlier = [], dict[str, list[tuple[str, ...]]]()
     for name, rows in (cell_sections() | arms()).items():
         old = {row for section in earlier.values() for row in section}
-        shown = [
-            (key, _values(kind, span, default), default, what)
-            for key, kind, default, span, what in rows
-            if (key, kind, default, span, what) not in old
-        ]
+        shown = [row for row in rows if row not in old]
         parts.append((f"### `{name}`\n\n" if name else "") + _repeated(rows, earlier) + table(COLUMNS, shown))
         earlier[name] = rows
     return "\n".join(parts)
-
-
-def _values(kind: str, span: str, default: str) -> str:
-    """What may stand there: the type only where the default does not show it."""
-    plain = {*TYPES.values(), *(f"list of {one}s" for one in TYPES.values())}
-    return span if kind in plain and default not in (REQUIRED, "`[]`") else ", ".join(filter(None, (kind, span)))
 
 
 def _repeated(rows: list[tuple[str, ...]], earlier: dict[str, list[tuple[str, ...]]]) -> str:
@@ -103,27 +87,10 @@ def cell_page(document: str) -> str:
 def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for config in configs:
-        hints = typing.get_type_hints(config)
         for field in settings.fields_of(config):
-            default = REQUIRED if settings.is_required(field) else f"`{as_yaml(settings.plain_value(field.default))}`"
-            what = field.metadata["description"]
-            rows.append((f"`{settings.key_of(field)}`", _kind(hints[field.name]), default, _range(field), what))
+            default = "*required*" if settings.is_required(field) else f"`{as_yaml(settings.plain_value(field.default))}`"
+            rows.append((f"`{settings.key_of(field)}`", default, field.metadata["description"]))
     return rows
-
-
-def _kind(hint: Any) -> str:
-    if settings.is_optional(hint):
-        return f"`{settings.AUTO}` or {_kind(settings.written(hint))}"
-    if typing.get_origin(hint) is tuple:
-        items = typing.get_args(hint)
-        count = "" if items[-1] is Ellipsis else f"{len(items)} "
-        return f"list of {count}{TYPES[settings.written(items[0])]}s"
-    return TYPES.get(hint) or f"one of {', '.join(f'`{member.value}`' for member in hint)}"
-
-
-def _range(field: Any) -> str:
-    low, high = field.metadata["low"], field.metadata["high"]
-    return "" if low is None else limits(low, high)
 
 
 def interfaces(described: Iterable[Description]) -> str:
@@ -159,16 +126,11 @@ def section(described: Description) -> str:
         together.setdefault((role, quality_and_when), []).append(name)
     topics = [(role, ", ".join(names), rest) for (role, rest), names in together.items()]
     settings = [
-        (
-            f"`{one.name}`",
-            ", ".join(filter(None, (one.type if one.required or one.default == [] else "", span(one)))),
-            REQUIRED if one.required else f"`{as_yaml(one.default)}`",
-            one.description,
-        )
+        (f"`{one.name}`", "*required*" if one.required else f"`{as_yaml(one.default)}`", one.description)
         for one in described.settings
     ]
-    keys = {(key, default, what) for rows in cell_sections().values() for key, _, default, _, what in rows}
-    of_cell = [key for key, _, default, what in settings if (key, default, what) in keys]
+    keys = {row for rows in cell_sections().values() for row in rows}
+    of_cell = [row[0] for row in settings if row in keys]
     own = [row for row in settings if row[0] not in of_cell]
     parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n"]
     if topics:
@@ -176,7 +138,7 @@ def section(described: Description) -> str:
     if of_cell:
         parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
     if own:
-        parts.append(table(("parameter", "values", "default", "what"), own))
+        parts.append(table(("parameter", "default", "what"), own))
     return "\n".join(parts)
 
 
