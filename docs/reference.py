@@ -115,16 +115,13 @@ def types(described: Iterable[Description]) -> str:
 
 def section(described: Description) -> str:
     """The part of the document about one node."""
-    rows = [(*endpoint, when) for endpoint, when in described.endpoints.items()]
-    topics: list[tuple[str, ...]] = [
-        (role, f"`{name}`", kind, "; ".join(filter(None, (quality(qos), when))))
-        for role, name, kind, qos, when in rows
-        if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/")
-    ]
-    together: dict[tuple[str, ...], list[str]] = {}
-    for role, name, _, quality_and_when in topics:
-        together.setdefault((role, quality_and_when), []).append(name)
-    topics = [(role, ", ".join(names), rest) for (role, rest), names in together.items()]
+    groups: dict[tuple[str, str], list[str]] = {}
+    for (role, name, kind, qos), when in described.endpoints.items():
+        if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/"):
+            groups.setdefault((role, "; ".join(filter(None, (quality(qos), when)))), []).append(f"`{name}`")
+    roles: dict[str, list[str]] = {}
+    for (role, quality_and_when), names in groups.items():
+        roles.setdefault(role, []).append(f"{', '.join(names)} ({quality_and_when})")
     settings = [
         (f"`{one.name}`", "*required*" if one.required else f"`{as_yaml(one.default)}`", one.description)
         for one in described.settings
@@ -133,8 +130,8 @@ def section(described: Description) -> str:
     of_cell = [row[0] for row in settings if row in keys]
     own = [row for row in settings if row[0] not in of_cell]
     parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n"]
-    if topics:
-        parts.append(table(("", "names", "QoS; when"), topics))
+    if roles:
+        parts.append("".join(f"{wrapped(f'- {role} ' + '; '.join(ends), '  ')}\n" for role, ends in roles.items()))
     if of_cell:
         parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
     if own:
@@ -157,9 +154,9 @@ def quality(qos: str) -> str:
     return usual.get(qos, qos.replace("reliable, transient local", "latched").replace("depth ", ""))
 
 
-def wrapped(paragraph: str) -> str:
-    """A paragraph in lines of at most 120 columns."""
-    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False)
+def wrapped(paragraph: str, indent: str = "") -> str:
+    """A paragraph in lines of at most 120 columns, all but the first of them indented."""
+    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False, subsequent_indent=indent)
 
 
 if __name__ == "__main__":
