@@ -3,9 +3,7 @@
 import pathlib
 import sys
 import textwrap
-import typing
 from collections.abc import Iterable
-from typing import Any
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python docs/reference.py`, from any folder
 
@@ -15,7 +13,7 @@ from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
 from pushfric_core.cell.plugins import PUSHERS, plugin
 from pushfric_core.vision.sighting import UNMEASURED
 from pushfric_ros.arms.arm import ArmConfig
-from pushfric_ros.commands.node_help import Description, as_yaml, describe, limits, span
+from pushfric_ros.commands.node_help import Description, as_yaml, describe
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
@@ -29,14 +27,14 @@ HEAD = f"""\
 Written by `{COMMAND}`; do not edit.
 [graph.md](graph.md) explains the nodes and topics.
 
-Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only, set when a node starts; a
-*required* one has no default. [cell.md](cell.md#all-keys) describes the keys of a cell's file. Every node publishes
-`/diagnostics`. The lists leave out what every ROS 2 node has, the actuator's lifecycle services, and the topics of a bag, which
-the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs.
+Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only, set when a node starts;
+`ros2 run pushfric_ros NODE_node --help` has their types and ranges. [cell.md](cell.md#all-keys) describes the keys of a cell's
+file. Every node publishes `/diagnostics`. The lists leave out what every ROS 2 node has, the actuator's lifecycle services, and
+the topics of a bag, which the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs.
 [src/pushfric_msgs](../src/pushfric_msgs) has the fields of all its types.
 
 QoS: *latched* is reliable and transient local ([graph.md](graph.md)). A number is the depth, unless
-it is {RELIABLE.depth} (reliable) or {LATCHED.depth} (latched).
+it is {RELIABLE.depth} (reliable) or {LATCHED.depth} (latched). [The last table](#types) has the types.
 
 `object_pose` is the pose of the frame `object` in `table` ([frames](conventions.md#frames)). The variance of z, roll and pitch
 is {UNMEASURED:g}: they are not measured.
@@ -45,26 +43,28 @@ is {UNMEASURED:g}: they are not measured.
 EVERYWHERE = ("/diagnostics", "publishes")
 """Name and role of an endpoint of every node."""
 
-COLUMNS = ("key", "type", "default", "what")
-
-TYPES = {bool: "boolean", int: "integer", float: "number", str: "text"}
+COLUMNS = ("key", "default", "what")
 
 
 def cell_tables() -> str:
-    """A table for each section, without the keys of the section before if it has them all."""
-    parts, before, named = [], set[tuple[str, ...]](), ""
+    """A table for each section, without the rows of earlier sections, which it only names."""
+    parts, earlier = [], dict[str, list[tuple[str, ...]]]()
     for name, rows in (cell_sections() | arms()).items():
-        more = before <= {*rows} and bool(before)
-        title = f"### `{name}`\n\n" + (f"The keys of `{named}`, and\n\n" if more else "") if name else ""
-        shown = [
-            (key, ", ".join(filter(None, (kind, span))), default, what)
-            for key, kind, default, span, what in rows
-            if not more or (key, kind, default, span, what) not in before
-        ]
-        parts.append(title + table(COLUMNS, shown))
-        if not more:
-            before, named = {*rows}, name
+        old = {row for section in earlier.values() for row in section}
+        shown = [row for row in rows if row not in old]
+        parts.append((f"### `{name}`\n\n" if name else "") + _repeated(rows, earlier) + table(COLUMNS, shown))
+        earlier[name] = rows
     return "\n".join(parts)
+
+
+def _repeated(rows: list[tuple[str, ...]], earlier: dict[str, list[tuple[str, ...]]]) -> str:
+    """The section that these rows contain, or the keys that stand in another section, too."""
+    contained = [name for name, section in earlier.items() if {*section} <= {*rows}]
+    if contained:
+        return f"The keys of `{contained[-1]}`, and\n\n"
+    first = {row: name for name, section in reversed(earlier.items()) for row in section}
+    keys = {name: [row[0] for row in rows if first.get(row) == name] for name in earlier}
+    return "".join(f"{', '.join(names)} of `{name}`, and\n\n" for name, names in keys.items() if names)
 
 
 def cell_sections() -> dict[str, list[tuple[str, ...]]]:
@@ -87,65 +87,55 @@ def cell_page(document: str) -> str:
 def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for config in configs:
-        hints = typing.get_type_hints(config)
         for field in settings.fields_of(config):
             default = "*required*" if settings.is_required(field) else f"`{as_yaml(settings.plain_value(field.default))}`"
-            what = field.metadata["description"]
-            rows.append((f"`{settings.key_of(field)}`", _kind(hints[field.name]), default, _range(field), what))
+            rows.append((f"`{settings.key_of(field)}`", default, field.metadata["description"]))
     return rows
-
-
-def _kind(hint: Any) -> str:
-    if settings.is_optional(hint):
-        return f"`{settings.AUTO}` or {_kind(settings.written(hint))}"
-    if typing.get_origin(hint) is tuple:
-        items = typing.get_args(hint)
-        count = "" if items[-1] is Ellipsis else f"{len(items)} "
-        return f"list of {count}{TYPES[settings.written(items[0])]}s"
-    return TYPES.get(hint) or f"one of {', '.join(f'`{member.value}`' for member in hint)}"
-
-
-def _range(field: Any) -> str:
-    low, high = field.metadata["low"], field.metadata["high"]
-    return "" if low is None else limits(low, high)
 
 
 def interfaces(described: Iterable[Description]) -> str:
     """The text of docs/interfaces.md."""
-    return "\n".join((HEAD, *map(section, described)))
+    described = [*described]
+    return "\n".join((HEAD, *map(section, described), types(described)))
+
+
+def types(described: Iterable[Description]) -> str:
+    """The type of each topic, service and action that is not named as its type."""
+    named: dict[str, set[str]] = {}
+    for one in described:
+        for name, kind in ((endpoint.name, endpoint.type) for endpoint in one.endpoints):
+            package, *_, own = kind.split("/")
+            as_named = package == "pushfric_msgs" and own.lower() == name.rpartition("/")[2].replace("_", "")
+            if package != "lifecycle_msgs" and not as_named:
+                named.setdefault(kind.replace("/msg/", "/").replace("/srv/", "/"), set()).add(f"`{name}`")
+    rows = [(kind, ", ".join(sorted(names))) for kind, names in sorted(named.items())]
+    others = "Any other is named as its type in pushfric_msgs: `plan_progress` is a PlanProgress.\n"
+    return f"## Types\n\n{table(('type', 'names'), rows)}\n{others}"
 
 
 def section(described: Description) -> str:
     """The part of the document about one node."""
-    rows = [(*endpoint, when) for endpoint, when in described.endpoints.items()]
-    topics: list[tuple[str, ...]] = [
-        (role, f"`{name}`", kind, "; ".join(filter(None, (quality(qos), when))))
-        for role, name, kind, qos, when in rows
-        if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/")
-    ]
-    together: dict[tuple[str, ...], list[str]] = {}
-    for role, name, *rest in topics:
-        together.setdefault((role, *rest), []).append(name)
-    topics = [(role, ", ".join(names), *rest) for (role, *rest), names in together.items()]
+    groups: dict[tuple[str, str], list[str]] = {}
+    for (role, name, kind, qos), when in described.endpoints.items():
+        if (name, role) != EVERYWHERE and not kind.startswith("lifecycle_msgs/"):
+            groups.setdefault((role, "; ".join(filter(None, (quality(qos), when)))), []).append(f"`{name}`")
+    roles: dict[str, list[str]] = {}
+    for (role, quality_and_when), names in groups.items():
+        roles.setdefault(role, []).append(f"{', '.join(names)} ({quality_and_when})")
     settings = [
-        (
-            f"`{one.name}`",
-            ", ".join(filter(None, (one.type, span(one)))),
-            "*required*" if one.required else f"`{as_yaml(one.default)}`",
-            one.description,
-        )
+        (f"`{one.name}`", "*required*" if one.required else f"`{as_yaml(one.default)}`", one.description)
         for one in described.settings
     ]
-    keys = {(key, default, what) for rows in cell_sections().values() for key, _, default, _, what in rows}
-    of_cell = [key for key, _, default, what in settings if (key, default, what) in keys]
+    keys = {row for rows in cell_sections().values() for row in rows}
+    of_cell = [row[0] for row in settings if row in keys]
     own = [row for row in settings if row[0] not in of_cell]
     parts = [f"## {described.node}\n\n{wrapped(described.summary)}\n"]
-    if topics:
-        parts.append(table(("", "name", "type", "QoS; when"), topics))
+    if roles:
+        parts.append("".join(f"{wrapped(f'- {role} ' + '; '.join(ends), '  ')}\n" for role, ends in roles.items()))
     if of_cell:
         parts.append(f"{wrapped('Keys of a cell: ' + ', '.join(by_section(of_cell)))}.\n")
     if own:
-        parts.append(table(("parameter", "type", "default", "what"), own))
+        parts.append(table(("parameter", "default", "what"), own))
     return "\n".join(parts)
 
 
@@ -164,9 +154,9 @@ def quality(qos: str) -> str:
     return usual.get(qos, qos.replace("reliable, transient local", "latched").replace("depth ", ""))
 
 
-def wrapped(paragraph: str) -> str:
-    """A paragraph in lines of at most 120 columns."""
-    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False)
+def wrapped(paragraph: str, indent: str = "") -> str:
+    """A paragraph in lines of at most 120 columns, all but the first of them indented."""
+    return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False, subsequent_indent=indent)
 
 
 if __name__ == "__main__":

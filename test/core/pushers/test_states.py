@@ -1,6 +1,6 @@
-"""The state tables of the actuator and of the serial drivers, exhaustively; and docs/safety.md, which shows them.
+"""The state tables of the actuator and of the serial drivers, exhaustively; and docs/safety.md, which shows the first.
 
-`python3 test/core/pushers/test_states.py` writes the tables of docs/safety.md again.
+`python3 test/core/pushers/test_states.py` writes the table of docs/safety.md again.
 """
 
 import itertools
@@ -492,8 +492,6 @@ def test_an_event_that_no_row_names_is_refused_and_changes_nothing():
 def drawn(table) -> str:
     """A table in Markdown."""
     lines = ["| what happens | if | then | the actuator does |", "|---|---|---|---|"]
-    if table is DRIVER:
-        lines[0] = "| what happens | if | then | sent at once |"
     for row in table:
         cells = ("; ".join(grouped(members)) for members in (row.events, row.when, row.then))
         lines.append(f"| {' | '.join(cells)} | {row.do.value if row.do else ''} |")
@@ -510,16 +508,14 @@ def grouped(members):
 
 
 def document(text: str) -> str:
-    """The document with its tables drawn again, each between two marks."""
-    for name, table in (("actuator", ACTUATOR), ("driver", DRIVER)):
-        marks = f"<!-- {name} -->", f"<!-- end of {name} -->"
-        between = re.compile(f"{marks[0]}.*{marks[1]}", re.DOTALL)
-        assert between.search(text)
-        text = between.sub(f"{marks[0]}\n\n{drawn(table)}\n\n{marks[1]}", text)
-    return text
+    """The document with the actuator's table drawn again, between two marks."""
+    marks = "<!-- actuator -->", "<!-- end of actuator -->"
+    between = re.compile(f"{marks[0]}.*{marks[1]}", re.DOTALL)
+    assert between.search(text)
+    return between.sub(f"{marks[0]}\n\n{drawn(ACTUATOR)}\n\n{marks[1]}", text)
 
 
-def test_the_document_shows_the_tables():
+def test_the_document_shows_the_table():
     text = DOCUMENT.read_text(encoding="utf-8")
     assert text == document(text)
 
