@@ -34,6 +34,9 @@ from pushfric_ros.nodes.monitor import MonitorNode
 PROGRESS_TIMEOUT = 10.0
 """After the end of a run, its last estimate is awaited; the wait ends if the estimator makes no progress for this long [s]."""
 
+LINGER = 0.2
+"""What was sent just before the end of a run may still be on its way for this long [s]."""
+
 PROMPTING = (
     PlanProgress.PHASE_WAITING,
     PlanProgress.PHASE_PLACING,
@@ -183,15 +186,17 @@ class Monitor:
 
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
         """Show what happens until the run ends; if it ends well, go on until `done`, but not for ever."""
-        ended, deadline, progress = None, 0.0, (-1, -1)
+        ended, lingers, deadline, progress = None, 0.0, 0.0, (-1, -1)
         with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
-            while ended is None or (ended.code == 0 and not done() and time.monotonic() < deadline):
+            while ended is None or (
+                ended.code == 0 and time.monotonic() < deadline and (time.monotonic() < lingers or not done())
+            ):
                 self._visit.spin_once(0.05)
                 self._take_keys()
                 view.update(self._view())
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
-                    ended, deadline = now, time.monotonic() + PROGRESS_TIMEOUT
+                    ended, lingers, deadline = now, time.monotonic() + LINGER, time.monotonic() + PROGRESS_TIMEOUT
                 seen = (self._visit.node.settled if self._catches_up() else progress[0]), self.complete
                 if seen != progress:
                     progress, deadline = seen, time.monotonic() + PROGRESS_TIMEOUT

@@ -394,6 +394,7 @@ class EstimatorNode(Node):
         if self._online.ranking is not None:
             self._publications.ranking()
         self._model_publication.publish(verdict)
+        self._publish_progress()  # before the answer: a run may end with it
 
     def _at_rest(self) -> None:
         """Publish what takes longer than an observation may wait, for an estimate that has lasted a while."""
