@@ -1,12 +1,14 @@
 """The whole graph as its user runs it: real processes, real middleware, one demo for all tests of this module."""
 
 import contextlib
+import fcntl
 import json
 import os
 import pathlib
 import pty
 import re
 import signal
+import struct
 import subprocess
 import termios
 import urllib.request
@@ -140,17 +142,19 @@ def test_a_demo_that_a_person_stops_repeats_the_push_and_ends_properly(tmp_path)
 
 def test_the_keys_of_a_terminal_steer_the_demo(tmp_path):
     ours, terminal = pty.openpty()
+    fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("4H", 50, 300, 0, 0))  # no prompt is cut by the end of a line
     command = [*PROGRAM, "demo", "--bag", str(tmp_path / "bag")]
     shown = ""
-    with subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal) as demo:
-        os.close(terminal)
+    demo = subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal)
+    os.close(terminal)
 
-        def read(until: str) -> None:
-            nonlocal shown
-            while until not in shown:
-                shown += os.read(ours, 65536).decode(errors="replace")
-            shown = shown.partition(until)[2]  # what comes next may be there already
+    def read(until: str) -> None:
+        nonlocal shown
+        while until not in shown:
+            shown += os.read(ours, 65536).decode(errors="replace")
+        shown = shown.partition(until)[2]  # what comes next may be there already
 
+    try:
         read("2/14")
         assert not termios.tcgetattr(ours)[3] & termios.ECHO
         os.write(ours, b" ")
@@ -162,9 +166,12 @@ def test_the_keys_of_a_terminal_steer_the_demo(tmp_path):
         read("the run ends")
         with contextlib.suppress(OSError):  # the last process with this terminal has ended
             read("never")
-    assert demo.returncode == 0, shown
+        assert demo.wait(60) == 0, shown
+    finally:
+        demo.kill()
+        demo.wait()
+        os.close(ours)
     assert "figure.png" in shown
-    os.close(ours)
 
 
 @pytest.fixture
