@@ -35,7 +35,7 @@ PROGRESS_TIMEOUT = 10.0
 """After the end of a run, its last estimate is awaited; the wait ends if the estimator makes no progress for this long [s]."""
 
 LINGER = 0.2
-"""What was sent just before the end of a run may still be on its way for this long [s]."""
+"""Messages sent just before the end of a run may still be on their way for this long [s]."""
 
 PROMPTING = (
     PlanProgress.PHASE_WAITING,
