@@ -95,7 +95,7 @@ class Bag:
         found = parts.parts_of(self.path, metadata)
         self._files = [self._open(file) for file in found.files]
         self.summary = self._summary()
-        self.damage = self._damage(metadata, [*found.doubts])
+        self.damage = self._damage(metadata, list(found.doubts))
         said = [metadata, *(file.embedded for file in self._files)]
         texts = sorted({" ".join(one.custom[BEFORE].split())[:500] for one in said if one is not None and BEFORE in one.custom})
         self.notes = (

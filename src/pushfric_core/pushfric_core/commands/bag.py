@@ -48,7 +48,7 @@ def verify(
 ) -> None:
     """Read every byte of a bag, and say whether it is whole and its messages add up.
 
-    Checked are checksums, lengths and indexes, the files' numbers, names, times and order, metadata.yaml, the number of
+    Checked are checksums, lengths and indexes, the files' numbers and names, metadata.yaml, the number of
     messages of each topic, and the messages' own numbers. docs/files.md says what cannot be known.
 
     Exit code 0: they do; 1: it is damaged, or they do not; 2: it is not a bag.

@@ -41,7 +41,7 @@ LEAST_SQUARES_GAP = 1e-6
 
 
 class OsqpProgram(Program):
-    """Minimises F over the weights of n support points by OSQP, anew for each solve.
+    """Minimises F over the weights of n support points by OSQP, which is set up again for each solve.
 
     Args:
         n: number of support points.
