@@ -1,5 +1,7 @@
 """Who reaches a process, and its memory for images; in processes of their own, because Fast DDS reads its settings once."""
 
+import contextlib
+import fcntl
 import json
 import os
 import subprocess
@@ -93,6 +95,36 @@ sys.exit(None if answer.done() else "no answer")
     served()
     asked = subprocess.run([sys.executable, "-c", asks], env=os.environ | {RANGE: range_}, timeout=250, capture_output=True)
     assert (asked.returncode, asked.stderr) == (0, b"")
+
+
+@pytest.fixture
+def contended():
+    """Other processes hold what Fast DDS locks to take one of its first ports, as processes that start together do."""
+    with contextlib.ExitStack() as held:
+        for name in (f"/dev/shm/fastrtps_port{number}_el" for number in range(7000, 7100)):
+            with contextlib.suppress(OSError):  # somebody else has it: that contends, too
+                new = not os.path.exists(name)
+                fcntl.flock(held.enter_context(open(name, "a")), fcntl.LOCK_EX | fcntl.LOCK_NB)
+                if new:
+                    held.callback(os.unlink, name)
+        yield
+
+
+@pytest.mark.parametrize("images", [False, True])
+@pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
+def test_what_the_middleware_says_is_not_among_a_programs_output(unset, contended, range_, images):
+    program = f"""
+import rclpy
+from pushfric_ros.node_kit.network import configured
+with configured(images={images}):
+    rclpy.init()
+    node = rclpy.create_node("speaks")
+print("its output")
+"""
+    run = [sys.executable, "-c", program]
+    ended = subprocess.run(run, env=os.environ | {RANGE: range_}, timeout=100, capture_output=True, text=True)
+    assert "Failed init_port" in ended.stderr
+    assert (ended.returncode, ended.stdout) == (0, "its output\n")
 
 
 def test_a_cell_asks_for_its_range_unless_the_user_does(unset, monkeypatch):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+from calls import but_the_middleware
 
 PRELUDE = """
 import ctypes, os, signal
@@ -47,7 +48,9 @@ process.run_node(lambda: (make(), ask_to_stop())[0])
 
 def run(program: str, **variables: str) -> "subprocess.CompletedProcess[str]":
     command, environment = [sys.executable, "-c", PRELUDE + program], os.environ | variables
-    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    ended.stderr = but_the_middleware(ended.stderr)
+    return ended
 
 
 def test_a_signal_before_ros_is_there_leaves_the_node_unmade():
@@ -150,7 +153,8 @@ def test_a_node_whose_name_is_taken_refuses_to_start_until_the_other_one_has_die
                 said, error = second.communicate(timeout=120)
                 assert (second.returncode, said) == (2, "")
                 assert re.fullmatch(
-                    r"error: a node named /twins/one is already running on ROS domain \d+; end it, or .*\n", error
+                    r"error: a node named /twins/one is already running on ROS domain \d+; end it, or .*\n",
+                    but_the_middleware(error),
                 )
                 assert first.poll() is None
             finally:

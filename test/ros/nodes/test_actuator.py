@@ -747,9 +747,11 @@ from unique_identifier_msgs.msg import UUID
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.heartbeat import Heartbeat
+from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
-rclpy.init()
-node = rclpy.create_node("client")
+with configured():
+    rclpy.init()
+    node = rclpy.create_node("client")
 states = []
 node.create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
 client = ActionClient(node, Push, "push")
