@@ -18,7 +18,7 @@ from pushfric_core.pushers.pusher import drive
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands import rehearse
 from pushfric_ros.node_kit.visit import visit
-from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS
+from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS, Fault
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 PATIENT = 30.0  # silence, for a busy machine [s]
@@ -102,6 +102,12 @@ def rehearse_slide(device) -> None:
     rehearse.rehearsal(driver="slide", settings=[f"device={device}"], stroke=0.03, speed=0.02, json=STDOUT)
 
 
+def unhurried(names: set[str]) -> tuple[Fault, ...]:
+    """Those rows of the contract, with twice the time for a machine full of tests; a pusher that goes on fails all the same."""
+    rows = (fault for fault in CONTRACT if fault.name in names)
+    return tuple(fault if fault.within is None else fault._replace(within=2 * fault.within) for fault in rows)
+
+
 def test_the_contract_of_every_driver(slide, tmp_path, monkeypatch, capsys):
     names = {
         "no fault",
@@ -110,7 +116,7 @@ def test_the_contract_of_every_driver(slide, tmp_path, monkeypatch, capsys):
         "the enable is withdrawn",
         "the force is too great",
     }
-    monkeypatch.setattr(rehearse, "CONTRACT", tuple(fault for fault in CONTRACT if fault.name in names))
+    monkeypatch.setattr(rehearse, "CONTRACT", unhurried(names))
     slide.Slide(str(tmp_path / "device")).start()
     rehearse_slide(tmp_path / "device")
     assert capsys.readouterr().err.count("as it must be") == len(names)
@@ -128,7 +134,7 @@ def test_an_arm_keeps_the_contract(driver, tmp_path, monkeypatch, capsys):
         "SIGSTOP of both, as by a suspension",
         "somebody calls actuator/stop",
     }
-    monkeypatch.setattr(rehearse, "CONTRACT", tuple(fault for fault in CONTRACT if fault.name in names))
+    monkeypatch.setattr(rehearse, "CONTRACT", unhurried(names))
     settings = ["source=pose_stamped", "topic=/tool_pose", "origin=[0, 0, 0.12]", "table=[0.5, 0.1, 0.3]", "silence=1"]
     with open(tmp_path / "log", "w") as log:
         arm = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
