@@ -29,9 +29,8 @@ ROUNDS = 7
 """Number of times that all observations are taken."""
 
 LADDER = {
-    "program: w, p_CF and the certificate": EstimatorConfig(screening=False, confidence=False),
-    "outlier rejection and the check for a change": EstimatorConfig(confidence=False),
-    "spread: ellipse of p_CF, intervals of w": EstimatorConfig(),
+    "program: w, p_CF and the certificate": EstimatorConfig(screening=False),
+    "outlier rejection and the check for a change": EstimatorConfig(),
 }
 """What each estimator does in addition to the one before."""
 
@@ -77,7 +76,7 @@ def _observation() -> Figures:
     """Median CPU time of each part of the work for one observation [ms]."""
     observations = load(footprint.DEMO_BAG)
     support_points = load_object(footprint.OBJECT).support_points
-    spent: dict[str, list[float]] = {part: [] for part in (*LADDER, "verdict", "mu_c", "message", "serialised")}
+    spent: dict[str, list[float]] = {part: [] for part in (*LADDER, "verdict", "lower bounds of mu_c", "message", "serialised")}
     for _ in range(ROUNDS):
         estimators = [(part, Estimator(support_points, config)) for part, config in LADDER.items()]
         for one in observations:
@@ -89,8 +88,8 @@ def _observation() -> Figures:
             _, judging = estimators[-1]
             verdict, took = _timed(judging.verdict, estimate)
             spent["verdict"].append(took)
-            friction, took = _timed(FrictionReport.of, estimate)
-            spent["mu_c"].append(took)
+            friction, took = _timed(FrictionReport.of, estimate, None)
+            spent["lower bounds of mu_c"].append(took)
             msg, took = _timed(_message, estimate, verdict, friction)
             spent["message"].append(took)
             spent["serialised"].append(_timed(serialize_message, msg)[1])
@@ -98,7 +97,7 @@ def _observation() -> Figures:
 
 
 def _message(estimate: Estimate, verdict: Verdict, friction: FrictionReport) -> FrictionEstimate:
-    return estimate_to_msg(EstimateReport.of(estimate, footprint.OBJECT, verdict=verdict, friction=friction))
+    return estimate_to_msg(EstimateReport.of(estimate, footprint.OBJECT, None, verdict=verdict, friction=friction))
 
 
 def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:

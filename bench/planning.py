@@ -8,10 +8,20 @@ import numpy as np
 
 from bench.display import Verdict
 from bench.paper import pushes
-from pushfric_core import TABLE_1, Estimate, EstimatorConfig, PushfricError, PushingLine, Support, Touch, predict_strokes
+from pushfric_core import (
+    TABLE_1,
+    Estimate,
+    EstimatorConfig,
+    PushfricError,
+    PushingLine,
+    Support,
+    Touch,
+    friction_model,
+    predict_strokes,
+)
 from pushfric_core.estimation.push_plan import PlannedPush, placement
 from pushfric_core.geometry.planar import Array, Pose, rotation, wrap
-from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict
+from pushfric_core.mechanics.prediction import FrictionModel, predict
 from pushfric_core.mechanics.simulation import PushedObject, pushed_motion
 
 SEEDS, STROKES = 3, 12

@@ -12,10 +12,10 @@ from bench.display import pivot_table, plain_tables
 from bench.paper.pushes import estimated
 from bench.public import stablepush, zhou2015
 from bench.real_pushes import GRIDS, OUTLINE, TRUE, TRUTH, support_points
-from pushfric_core import Ellipsoid, EstimatorConfig, NamedEllipsoid, Observation, Support, named_ellipsoid
+from pushfric_core import Ellipsoid, EstimatorConfig, NamedEllipsoid, Observation, Support, friction_model, named_ellipsoid
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, cross, left_of
-from pushfric_core.mechanics.prediction import FrictionModel, friction_model, predict, stability
+from pushfric_core.mechanics.prediction import FrictionModel, predict, stability
 
 RADIUS = 0.05
 """Arm at which a rotation counts as much as a translation [m]: about the radius of gyration of the triangle."""

@@ -18,9 +18,18 @@ from bench.paper.pushes import estimated
 from bench.prediction import Pushes, ellipsoid_motions
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
-from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
+from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes, steps_of
 from docs.markdown import table
-from pushfric_core import Estimate, EstimatorConfig, InvalidInput, Observation, PushingLine, Support, named_ellipsoid
+from pushfric_core import (
+    Estimate,
+    EstimatorConfig,
+    InvalidInput,
+    Observation,
+    PushingLine,
+    Support,
+    believe,
+    named_ellipsoid,
+)
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.estimation.picture import draw_support_friction
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -28,10 +37,9 @@ from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_objec
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Pose, Twist, compose, exp, inverse, rotation, transform
-from pushfric_core.mechanics.prediction import FrictionModel, friction_model
+from pushfric_core.mechanics.prediction import ELLIPSE, FrictionModel
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.mechanics.strokes import STEP, predict_strokes
-from pushfric_core.uncertainty.spread import ELLIPSE
 
 FEW, DRAWS = 10, 6
 """Number of strokes, and of random choices of so many."""
@@ -69,6 +77,7 @@ class PublicSet(NamedTuple):
     model: ObjectModel
     strokes: Sequence[Stroke]
     observations: Sequence[Observation | None]  # of each stroke; None: it is no observation
+    steps: Sequence[Sequence[Observation]]  # of each stroke, whether or not it is an observation
     quartic: Sequence[Pose | None]  # where a published quartic predicts each stroke to end
 
     @property
@@ -76,6 +85,11 @@ class PublicSet(NamedTuple):
         """p_CF (2,) [m] if the pressure is even: the centroid of the outline."""
         centroid = self.model.outline.polygon.centroid
         return np.array((centroid.x, centroid.y))
+
+    def group(self, row: int) -> int:
+        """What a stroke is fitted together with: its push, or its run, if it belongs to one."""
+        point, run = self.observations[row], self.strokes[row].run
+        return point.push_id if point is not None else row if run is None else run
 
     @property
     def data(self) -> list[Observation]:
@@ -103,9 +117,9 @@ class PublicPushes:
         """All figures of each set, in m and rad; None: not told, or not stored.
 
         Returns:
-            {"sets": [{"folder", "set", "strokes", "data_points", "p_cf_error", "radius", "held", "use", "mu_c", "mu_c_low",
-            "mu_c_high", "few": [{"p_cf_error", "radius", "held", "use"}], "rolled", "errors": {contender: {"position", "angle",
-            "combined"}}}]}; "radius" is that of the 90 % ellipse, "few" has FEW strokes each.
+            {"sets": [{"folder", "set", "strokes", "data_points", "p_cf_error", "program_error", "radius", "held", "mu_c",
+            "mu_c_low", "mu_c_high", "few": [{"p_cf_error", "radius", "held"}], "rolled", "errors": {contender:
+            {"position", "angle", "combined"}}}]}; "radius" is that of the 90 % ellipse, "few" has FEW strokes each.
         """
         rows, estimates = [], []
         for number, one in enumerate(self._sets):
@@ -154,7 +168,9 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     quartic: dict[tuple[float, ...], Pose | None] = {}
     if (other := path.with_name(f"{name}{POLY4}")).is_file():
         quartic = {_key(one): one.predicted for one in read_strokes(other)}
-    return PublicSet(path.parent.name, name, model, strokes, data, [quartic.get(_key(one)) for one in strokes])
+    runs = [row if one.run is None else one.run for row, one in enumerate(strokes)]
+    steps = [steps_of(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
+    return PublicSet(path.parent.name, name, model, strokes, data, steps, [quartic.get(_key(one)) for one in strokes])
 
 
 def _key(stroke: Stroke) -> tuple[float, ...]:
@@ -170,7 +186,7 @@ def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[
         begin, end = (np.add(one.contact_point, np.multiply(half, one.tip_velocity)).tolist() for half in (-0.5, 0.5))
         before, after = exp(one.twist, -0.5), exp(one.twist, 0.5)
         strokes.append(Stroke(before, after, (begin[0], begin[1]), (end[0], end[1]), tip_radius=0.0))
-    return PublicSet(folder, name, model, strokes, known, [None] * len(known))
+    return PublicSet(folder, name, model, strokes, known, [[one] for one in known], [None] * len(known))
 
 
 class Line(NamedTuple):
@@ -218,62 +234,55 @@ def of_all(one: PublicSet) -> Estimate:
 
 def _measured(one: PublicSet, whole: Estimate, rng: np.random.Generator) -> Figures:
     outline, points = one.model.outline, one.model.support_points
-    groups = sorted({point.push_id for point in one.data})
-    shuffled = rng.permutation(groups)
-    fitted = set(shuffled[: len(groups) // 2].tolist())
-    half = [point for point in one.data if point.push_id in fitted]
-    unseen = [row for row in range(len(one.strokes)) if _group(one, row) not in fitted]
-    lines = {row: line for row in unseen if (line := line_of(one.strokes[row], outline)) is not None}
-    rows = rng.permutation(list(lines))[:ROLLED].tolist()
-    draws = [[half[k] for k in rng.permutation(len(half))[:FEW].tolist()] for _ in range(DRAWS)]
-    _, by_half = estimated(half, points, EstimatorConfig())
-    by_few = [estimated(draw, points, EstimatorConfig())[1] for draw in draws]
-    mu_c = whole.mu_c
+    lines = {row: line for row, stroke in enumerate(one.strokes) if (line := line_of(stroke, outline)) is not None}
+    groups = rng.permutation(sorted({one.group(row) for row in lines}))
+    fitted = set(groups[: len(groups) // 2].tolist())
+    half = [row for row in lines if one.group(row) in fitted]
+    rows = rng.permutation([row for row in lines if one.group(row) not in fitted])[:ROLLED].tolist()
+
+    def believed(chosen: Sequence[int]) -> FrictionModel:
+        found = believe(points, [step for row in chosen for step in one.steps[row]])
+        assert found is not None, f"{one.name}: no stroke moves the object"
+        return found
+
+    whole_belief, by_half = believed(list(lines)), believed(half)
+    by_few = [believed(rng.permutation(half)[:FEW].tolist()) for _ in range(DRAWS)]
+    mu_c = whole_belief.known_mu_c
     figures: Figures = {
         "folder": one.folder,
         "set": one.name,
         "strokes": len(one.strokes),
         "data_points": len(one.data),
-        **_center(whole, one.label),
+        "program_error": float(np.hypot(*(whole.center_of_friction - one.label))),
+        **_center(whole_belief, one.label),
         "mu_c": None if mu_c is None else mu_c.value,
         "mu_c_low": None if mu_c is None else mu_c.low,
         "mu_c_high": None if mu_c is None else mu_c.high,
-        "few": [_center(estimate, one.label) for estimate in by_few],
+        "few": [_center(model, one.label) for model in by_few],
         "rolled": len(rows),
     }
     truth = np.array([one.strokes[row].after for row in rows])
     chosen = [lines[row] for row in rows]
-    model = friction_model(by_half)
     even = outline.grid(FINE, FINE, 0.0)
-    uniform = FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), model.mean_mu_c)
+    uniform = FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), by_half.mean_mu_c)
     ends = {
-        "half": [_rolled(model, outline, chosen)],
-        "few": [_rolled(friction_model(estimate), outline, chosen) for estimate in by_few],
+        "half": [_rolled(by_half, outline, chosen)],
+        "few": [_rolled(model, outline, chosen) for model in by_few],
         "uniform": [_rolled(uniform, outline, chosen)],
         "ellipsoid": [_rolled_ellipsoid(uniform, outline, chosen)],
         "zhou_ellipsoid": _stored([one.strokes[row].predicted for row in rows]),
         "zhou_quartic": _stored([one.quartic[row] for row in rows]),
     }
-    figures["errors"] = {name: mean_errors(found, truth, model.length) if found else None for name, found in ends.items()}
+    figures["errors"] = {name: mean_errors(found, truth, by_half.length) if found else None for name, found in ends.items()}
     return figures
 
 
-def _group(one: PublicSet, row: int) -> int:
-    """What a stroke is fitted together with: its run, if it belongs to one."""
-    point, run = one.observations[row], one.strokes[row].run
-    return point.push_id if point is not None else row if run is None else run
-
-
-def _center(estimate: Estimate, label: Array) -> Figures:
-    """How far p_CF is off, and whether the 90 % ellipse holds the label; None if the estimate gives none."""
-    error = estimate.center_of_friction - label
-    told = estimate.spread is not None
-    return {
-        "p_cf_error": float(np.hypot(*error)),
-        "radius": estimate.confidence,
-        "held": bool(error @ np.linalg.solve(estimate.spread.covariance, error) <= ELLIPSE) if told else None,
-        "use": estimate.verdict.use,
-    }
+def _center(model: FrictionModel, label: Array) -> Figures:
+    """How far p_CF is off, and whether the 90 % ellipse holds the label."""
+    assert model.covariance is not None
+    error = model.center_of_friction - label
+    held = error @ np.linalg.solve(model.covariance, error) <= ELLIPSE
+    return {"p_cf_error": float(np.hypot(*error)), "radius": model.confidence, "held": bool(held)}
 
 
 def _stored(poses: Sequence[Pose | None]) -> list[Array]:
@@ -317,15 +326,31 @@ def mean_errors(found: Sequence[Array], truth: Array, arm: float) -> Figures:
 
 def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
     """The heads of the table, and its lines; the last ones are of all sets of a folder."""
-    heads = ["set", "strokes", "p_CF off", "held", "mu_c", f"p_CF off, {FEW} strokes", "held", *CONTENDERS.values()]
+    heads = [
+        "set",
+        "strokes",
+        "p_CF off, program",
+        "p_CF off",
+        "held",
+        "mu_c",
+        f"p_CF off, {FEW} strokes",
+        "held",
+        *CONTENDERS.values(),
+    ]
     lines = [
-        [row["set"], f"{row['data_points']} of {row['strokes']}", *_centers([row], row["few"]), *_rolled_out([row])]
+        [
+            row["set"],
+            f"{row['data_points']} of {row['strokes']}",
+            _program([row]),
+            *_centers([row], row["few"]),
+            *_rolled_out([row]),
+        ]
         for row in rows
     ]
     for folder in dict.fromkeys(row["folder"] for row in rows):
         some = [row for row in rows if row["folder"] == folder]
         few = [one for row in some for one in row["few"]]
-        lines.append([f"{folder}: {len(some)} sets", "", *_centers(some, few), *_rolled_out(some)])
+        lines.append([f"{folder}: {len(some)} sets", "", _program(some), *_centers(some, few), *_rolled_out(some)])
     return heads, lines
 
 
@@ -333,6 +358,10 @@ def _centers(rows: Sequence[Figures], few: Sequence[Figures]) -> list[str]:
     """Medians of how far p_CF is off [mm], in how many the 90 % ellipse holds the label, and mu_c of a single set."""
     mu_c = _mu_c(rows[0]) if len(rows) == 1 else ""
     return [_off(rows), _held(rows), mu_c, _off(few), _held(few)]
+
+
+def _program(rows: Sequence[Figures]) -> str:
+    return f"{1e3 * float(np.median([one['program_error'] for one in rows])):.1f}"
 
 
 def _off(estimates: Sequence[Figures]) -> str:

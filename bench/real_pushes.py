@@ -20,10 +20,10 @@ GRIDS = {"grid_55": OUTLINE.grid(10, 10, 0.0075), "grid_10x10": OUTLINE.grid(10,
 TRUE = "true"
 
 RULES = {
-    "paper": EstimatorConfig(cor_radius=0.0, confidence=False, screening=False),
-    "default": EstimatorConfig(confidence=False),
-    "force_angle": EstimatorConfig(terms=("moment", "force_angle"), confidence=False, screening=False),
-    "force": EstimatorConfig(terms=("moment", "force"), confidence=False, screening=False),
+    "paper": EstimatorConfig(cor_radius=0.0, screening=False),
+    "default": EstimatorConfig(),
+    "force_angle": EstimatorConfig(terms=("moment", "force_angle"), screening=False),
+    "force": EstimatorConfig(terms=("moment", "force"), screening=False),
 }
 """The paper's rows, the defaults, and the defaults with each of the two terms of a measured force."""
 

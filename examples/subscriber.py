@@ -28,8 +28,9 @@ class Subscriber(Node):
     def _on_estimate(self, msg: FrictionEstimate) -> None:
         if msg.status != msg.STATUS_OPTIMAL:
             return  # nothing is known, or the pushes contradict each other
-        x, y = 1e3 * msg.center_of_friction.x, 1e3 * msg.center_of_friction.y
         known = not math.isnan(msg.confidence)
+        center = msg.spread.center_of_friction if known else msg.center_of_friction
+        x, y = 1e3 * center.x, 1e3 * center.y
         trust = f", off by at most {1e3 * msg.confidence:.1f} mm with 90 %" if known else ""
         print(f"{msg.object}: p_CF ({x:.1f}, {y:.1f}) mm from {msg.pushes} pushes{trust}", flush=True)
 

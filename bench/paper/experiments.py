@@ -31,7 +31,7 @@ Numbers = dict[str, Any]
 
 CENTIMETRE = 100.0
 
-PAPER = EstimatorConfig(cor_radius=0.0, confidence=False, screening=False)
+PAPER = EstimatorConfig(cor_radius=0.0, screening=False)
 """Moment constraints, eq. 7 as a hard constraint, no contact uncertainty, no free supports (section 5)."""
 
 GRIDS = {4: (2, 2), 9: (3, 3), 15: (5, 3), 24: (6, 4)}
@@ -195,7 +195,7 @@ def _weights(data: dict[str, list[Observation]]) -> dict[str, list[Weights]]:
 
     square, wood, pushes = TABLE_1["delrin_square3"], TABLE_1["wood_rect4"], data["wood_rect4"]
     feet, points = wood.support.points, wood.support_points
-    squares = EstimatorConfig(cor_radius=0.0, nonnegative_force=False, loss=Loss.L2, confidence=False)
+    squares = EstimatorConfig(cor_radius=0.0, nonnegative_force=False, loss=Loss.L2)
     cases = [(feet, least_squares_fit(pushes, feet)), (points, least_squares_fit(pushes, points))]
     cases += [(points, estimate(pushes, points, squares)), (points, estimate(pushes, points))]
     actual = Weights("delrin_square3", "Actual", square.support.points, square.support.weights)

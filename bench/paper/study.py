@@ -1,8 +1,8 @@
 """`./pushfric study`: how far the estimates can be relied on, measured on simulated pushes of many seeds and on real ones.
 
 Each cell of the study is an object, a camera's noise and a plan of pushes. For each cell, the study measures how often the 90 %
-ellipse of p_CF contains the truth, its radius compared with the errors, the errors of the optimum and of the middle of the set,
-and mu_c. Further cells are about screening (module `spoilt`).
+ellipse of p_CF contains the truth, its radius compared with the errors, the errors of the program and of the belief, and mu_c.
+Further cells are about screening (module `spoilt`).
 """
 
 import math
@@ -24,9 +24,9 @@ from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slippin
 from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, velocity_at
+from pushfric_core.mechanics.prediction import ELLIPSE
 from pushfric_core.offline.workers import results
 from pushfric_core.report.report import to_json
-from pushfric_core.uncertainty.spread import ELLIPSE
 
 SUBSETS = 30
 """Numbers of real pushes that are chosen at random from each log."""
@@ -127,13 +127,19 @@ def _estimate(data: Iterable[Observation], points: Array, terms: tuple[str, ...]
 def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tuple[str, ...] = ("moment",)) -> Numbers:
     """Errors of an estimate [mm], and its own figures for them; `given` is false if it has none."""
     estimate = _estimate(data, points, terms)
-    spread, off = estimate.spread, estimate.center_of_friction - truth
-    numbers: Numbers = {"error": float(np.hypot(*off)), "given": spread is not None}
-    if spread is not None:
-        numbers["held"] = bool(off @ np.linalg.solve(spread.covariance, off) <= ELLIPSE)
-        numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(spread.covariance))))
-        numbers["middle"] = float(np.hypot(*(spread.middle @ points - truth)))
+    belief = estimate.belief
+    covariance = None if belief is None else belief.covariance
+    numbers: Numbers = {"error": _off(estimate.center_of_friction, truth), "given": covariance is not None}
+    if belief is not None and covariance is not None:
+        off = belief.center_of_friction - truth
+        numbers["held"] = bool(off @ np.linalg.solve(covariance, off) <= ELLIPSE)
+        numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(covariance))))
+        numbers["middle"] = _off(belief.center_of_friction, truth)
     return numbers
+
+
+def _off(center: Array, truth: Array) -> float:
+    return float(np.hypot(*(center - truth)))
 
 
 def _summary(runs: Sequence[Numbers]) -> Numbers:
@@ -141,7 +147,7 @@ def _summary(runs: Sequence[Numbers]) -> Numbers:
     given = [one for one in runs if one["given"]]
     numbers: Numbers = {"runs": len(runs), "given": len(given), **_quantiles("error", runs)}
     if given:
-        errors = float(np.quantile([one["error"] for one in given], 0.9))
+        errors = float(np.quantile([one["middle"] for one in given], 0.9))
         radius, median, optimum = (float(np.median([one[key] for one in given])) for key in ("radius", "middle", "error"))
         numbers |= {
             **_quantiles("middle", given),

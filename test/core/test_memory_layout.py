@@ -19,7 +19,7 @@ import pytest
 import shapely
 
 import pushfric_core
-from pushfric_core import estimation, geometry, mechanics, program, solvers, trajectories, uncertainty
+from pushfric_core import belief, estimation, geometry, mechanics, program, solvers, trajectories, uncertainty
 from pushfric_core.estimation import estimate_report, region
 from pushfric_core.geometry import contact, planar, support
 from pushfric_core.geometry.contact import pushing_line
@@ -29,7 +29,7 @@ from pushfric_core.program import constraints
 from pushfric_core.program.least_squares import least_squares_fit
 
 CORE = pathlib.Path(__file__).parent
-MATHEMATICS = (geometry, trajectories, program, solvers, uncertainty, estimation, mechanics)
+MATHEMATICS = (geometry, trajectories, program, solvers, uncertainty, belief, estimation, mechanics)
 RNG = np.random.default_rng(11)
 K, N, S = 40, 13, 5
 """Numbers of pushes, support points and samples: enough to fill NumPy's vectors, and not a multiple of them."""
@@ -50,6 +50,7 @@ CONTACTS = OUTLINE.vertices[EDGES] + RNG.uniform(0.1, 0.9, (K, 1)) * OUTLINE.edg
 NORMALS = OUTLINE.normals[EDGES]
 VELOCITIES = -0.02 * NORMALS + RNG.uniform(-0.01, 0.01, (K, 2))
 TWISTS, HALVES = RNG.uniform(-1, 1, (K, 3)), RNG.uniform(0, 0.03, K)
+COVARIANCE = np.array(((2e-6, 1e-7), (1e-7, 1e-6)))
 CENTERS, TURNS = RNG.uniform(-0.3, 0.3, (K, 2)), RNG.choice((-1.0, 1.0), K)
 TWIST, WRENCH = Twist(0.01, 0.02, 0.3), Wrench(0.3, 0.5, 0.01)
 OBSERVATION = pushfric_core.Observation(CONTACTS[0], NORMALS[0], TWIST, force=(0.1, 0.3), tip_velocity=(0.01, 0.02))
@@ -69,9 +70,6 @@ def estimate(points=POINTS, center=None):
     for observation in OBSERVATIONS:
         last = estimator.add(observation)
     return last
-
-
-ESTIMATE = estimate()
 
 
 def surface_of(form):
@@ -95,9 +93,16 @@ def known_support(points, weights):
     return made, made.center_of_friction, made.friction_wrench(TWIST), bearing.wrench(TWIST), bearing.facets
 
 
-def model(support_points, w, mu_c, share):
-    made = pushfric_core.FrictionModel(support_points, w, mu_c, share)
-    return made, made.support, made.with_mean, made.length, pushfric_core.predict(made, CONTACTS, NORMALS, VELOCITIES)
+def model(support_points, w, mu_c, share, covariance):
+    made = pushfric_core.FrictionModel(support_points, w, mu_c, share, 0.1, covariance)
+    return (
+        made,
+        made.support,
+        made.with_mean,
+        made.length,
+        made.confidence,
+        pushfric_core.predict(made, CONTACTS, NORMALS, VELOCITIES),
+    )
 
 
 def pushed(point, normal, velocity):
@@ -160,7 +165,7 @@ ROWS = {
     "ConstraintRows": (own_rows, {"a": RNG.normal(size=(3, N))}),
     "functional_rows": (functional, {"functional": POINTS, "directions": FORCES.directions, "free": FORCES.free}),
     "PushingLine": (line, {"origin": (0.3, 0.01), "direction": np.array((-0.8, 0.6)) @ ((0.8, -0.6), (0.6, 0.8))}),
-    "Estimate.mu_c_of": (ESTIMATE.mu_c_of, {"weights": W}),
+    "believe": (lambda points: pushfric_core.believe(points, OBSERVATIONS[:8]), {"points": POINTS}),
     "Estimator": (estimate, {"points": POINTS, "center": POINTS.mean(axis=0)}),
     "Ellipsoid": (surface_of, {"form": SURFACE.ellipsoid().form}),
     "Ellipsoid.wrench": (SURFACE.ellipsoid().wrench, {"twist": TWIST}),
@@ -182,7 +187,7 @@ ROWS = {
     "Outline.outward": (lambda **given: OUTLINE.outward(**given, within=0.01), {"points": CONTACTS, "normals": NORMALS}),
     "Outline.first_touch": (OUTLINE.first_touch, {"start": 0.3 * NORMALS[0], "direction": -NORMALS[0]}),
     "Outline.first_touches": (OUTLINE.first_touches, STARTS),
-    "FrictionModel": (model, {"support_points": POINTS, "w": W, "mu_c": MU_C, "share": SHARE}),
+    "FrictionModel": (model, {"support_points": POINTS, "w": W, "mu_c": MU_C, "share": SHARE, "covariance": COVARIANCE}),
     "FrictionModel.centered": (MODEL.centered, {"twists": TWISTS}),
     "FrictionModel.angles": (MODEL.angles, {"twists": TWISTS, "others": RNG.normal(size=(K, 3))}),
     "predict": (lambda **given: prediction.predict(MODEL, **given), CONTACT | {"tip_velocities": VELOCITIES}),
@@ -257,6 +262,7 @@ RESULTS = {"Estimate", "Optimum", "Predictions", "Region", "Stability", "Strokes
 """Records that the core makes and nobody else."""
 
 ELSEWHERE = {
+    "believe.believing": "believe",
     "strokes.stroke_steps": "predict_strokes",
     "Touch": "pushed_motion",
     "SupportForces": "functional_rows",

@@ -59,7 +59,9 @@ def estimate():
 def test_print_gives_three_lines_for_a_person(estimate):
     center, friction, rests_on = str(estimate).splitlines()
     x, y = 1e3 * estimate.center_of_friction
-    assert center == f"p_CF   ({x:.2f}, {y:.2f}) mm, within {1e3 * estimate.confidence:.2f} mm with 90 % probability"
+    u, v = 1e3 * estimate.believed_center
+    believed = f"({u:z.2f}, {v:z.2f}) mm, within {1e3 * estimate.confidence:.2f} mm with 90 % probability"
+    assert center == f"p_CF   {believed}; ({x:z.2f}, {y:z.2f}) mm by the program"
     assert friction.startswith("mu_c   ")
     assert f"lower bounds up to {estimate.mu_c_max:.3f}" in friction
     assert rests_on == "from   12 observations of 12 pushes; may be used"
@@ -143,7 +145,7 @@ def test_the_picture_shows_the_object_w_the_ellipse_and_the_pushes(estimate):
     (arrows,) = [drawn for drawn in axes.collections if type(drawn).__name__ == "Quiver"]
     assert arrows.N == 12  # one for each push
     (ellipse,) = axes.patches
-    assert np.allclose(ellipse.center, 1e3 * estimate.center_of_friction)
+    assert np.allclose(ellipse.center, 1e3 * estimate.believed_center)
 
 
 def test_a_notebook_shows_picture_and_text(estimate, monkeypatch):

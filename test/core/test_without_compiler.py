@@ -35,8 +35,6 @@ for with_scale in (False, True):
         if k % 50 == 30:
             simplex.remove(k - 3)
             simplex = [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))][with_scale](simplex)
-            extremes = simplex.extremes(rng.normal(size=(3, n)), 0.1)
-            print(None if extremes is None else extremes.tobytes().hex())
         optimum = simplex.solve()
         print(optimum.w.tobytes().hex(), optimum.objective.hex(), optimum.status, simplex.unique())
     print(simplex.multipliers().tobytes().hex(), simplex.conflicts())

@@ -94,6 +94,6 @@ def test_the_ellipse_holds_the_label_of_real_sets(mit_pushes, real_pushes):
     """With all pushes, where what friction does otherwise than Coulomb's is most of the error."""
     from bench.public_pushes import _center, of_all, sets_in
 
-    found = [_center(of_all(one), one.label)["held"] for folder in (mit_pushes, real_pushes) for one in sets_in(folder)]
+    found = [_center(of_all(one).belief, one.label)["held"] for folder in (mit_pushes, real_pushes) for one in sets_in(folder)]
     assert len(found) == 16
-    assert 13 <= sum(found) <= 15
+    assert sum(found) >= 13

@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.report.report import truth
-from pushfric_core.uncertainty.spread import FEWEST_PUSHES
+from pushfric_core.uncertainty.excitation import FEWEST_PUSHES
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 

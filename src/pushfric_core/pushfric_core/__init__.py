@@ -28,7 +28,8 @@ if TYPE_CHECKING:
         SolverUnavailable as SolverUnavailable,
         UninformativePush as UninformativePush,
     )
-    from pushfric_core.estimation.estimate import Estimate as Estimate
+    from pushfric_core.belief.believe import believe as believe
+    from pushfric_core.estimation.estimate import Estimate as Estimate, friction_model as friction_model
     from pushfric_core.estimation.estimator import Estimator as Estimator, EstimatorConfig as EstimatorConfig
     from pushfric_core.mechanics.limit_surface import Ellipsoid as Ellipsoid, LimitSurface as LimitSurface
     from pushfric_core.trajectories.observation import Observation as Observation
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
         FrictionModel as FrictionModel,
         Predictions as Predictions,
         Stability as Stability,
-        friction_model as friction_model,
         motion_cone as motion_cone,
         predict as predict,
         stability as stability,
@@ -78,7 +78,8 @@ _MODULES = {  # the same as above: a test compares them
     "program.constraints": ["Constraint", "functional_rows"],
     "geometry.contact": ["PushingLine"],
     "errors": ["InvalidInput", "MissingPackage", "PushfricError", "SolverFailed", "SolverUnavailable", "UninformativePush"],
-    "estimation.estimate": ["Estimate"],
+    "belief.believe": ["believe"],
+    "estimation.estimate": ["Estimate", "friction_model"],
     "estimation.estimator": ["Estimator", "EstimatorConfig"],
     "mechanics.limit_surface": ["Ellipsoid", "LimitSurface"],
     "trajectories.observation": ["Observation"],
@@ -91,7 +92,6 @@ _MODULES = {  # the same as above: a test compares them
         "FrictionModel",
         "Predictions",
         "Stability",
-        "friction_model",
         "motion_cone",
         "predict",
         "stability",

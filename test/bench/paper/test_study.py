@@ -55,7 +55,7 @@ def test_a_summary_counts_only_what_was_told():
     cell = study._summary([given, {"error": 0.003, "given": False}])
     assert (cell["runs"], cell["given"], cell["held"]) == (2, 1, 1.0)
     assert cell["error_median"] == pytest.approx(2.0)
-    assert (cell["middle_to_optimum"], cell["radius_to_errors"]) == (pytest.approx(0.8), pytest.approx(1.5))
+    assert (cell["middle_to_optimum"], cell["radius_to_errors"]) == (pytest.approx(0.8), pytest.approx(1.875))
     assert np.isfinite(cell["error_p90"])
 
 

@@ -62,10 +62,10 @@ def test_the_defaults_find_the_centre_of_friction_of_real_objects(real_pushes, s
             if points[log] is not None
         ]
 
-    found = errors(EstimatorConfig(confidence=False))
+    found = errors(EstimatorConfig())
     assert np.median(found) < 3
     assert max(found) < 5
-    assert np.median(errors(EstimatorConfig(terms=("moment", "force"), confidence=False))) < 2.5
+    assert np.median(errors(EstimatorConfig(terms=("moment", "force")))) < 2.5
 
 
 def test_a_log_agrees_with_the_published_push_points(real_pushes):

@@ -43,7 +43,8 @@ def test_a_moment_has_what_the_pushes_before_predicted(story):
     estimator = Estimator(known.support.points)
     for observation in observations(5):
         told |= story.on_observation(observation)
-        told |= story.on_estimate(EstimateReport.of(estimator.add(observation), OBJECT))
+        estimate = estimator.add(observation)
+        told |= story.on_estimate(EstimateReport.of(estimate, OBJECT, estimate.belief))
     moments = [told[f"moment/{seen}"] for seen in range(5)]
     assert [moment["t"] for moment in moments] == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert moments[0]["predicted"] is None

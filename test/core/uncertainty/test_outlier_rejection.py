@@ -79,7 +79,7 @@ def test_a_bad_push_is_left_out_and_can_be_kept(change, reason):
 def all_numbers(estimator):
     """All that an estimate says, to the last bit."""
     estimate = estimator.estimate()
-    return estimate.solution, estimate.spread, estimate.contact_forces, estimate.stamp, estimator.verdict(estimate)
+    return estimate.solution, estimate.belief, estimate.contact_forces, estimate.stamp, estimator.verdict(estimate)
 
 
 def test_a_push_that_is_excluded_or_kept_on_the_way_leaves_the_bits_as_from_the_start():

@@ -19,7 +19,7 @@ from pushfric_msgs.msg import (
     PlanProgress,
     PusherState,
 )
-from pushfric_ros.messages import conversions, types
+from pushfric_ros.messages import conversions, markers, types
 
 
 def test_poses_survive_the_message(rng):
@@ -85,11 +85,11 @@ def test_a_report_survives_the_message(pushes):
     problem = four_feet()
     estimator = Estimator(problem.truth.points)
     estimate = estimator.add(problem.observations[:pushes])
-    assert (estimate.spread is None) == (pushes == 1)
+    assert (estimate.confidence is None) == (pushes == 1)
     reasons = tuple(Reason(code, f"because of {code}") for code in ReasonCode)
     verdict = Verdict(reasons, (Rejected(3, reasons[-1]),), Change(7, (0.01, -0.02)), reasons[:1])
     for judged in (verdict, Verdict()):
-        report = EstimateReport.of(estimate, "box", verdict=judged)
+        report = EstimateReport.of(estimate, "box", estimate.belief, verdict=judged)
         wire = serialize_message(conversions.estimate_to_msg(report))
         assert conversions.report_from_msg(deserialize_message(wire, FrictionEstimate)).to_dict() == report.to_dict()
 
@@ -112,12 +112,14 @@ def test_an_estimate_becomes_a_message_without_loss():
     problem = four_feet()
     estimator = Estimator(problem.truth.points)
     estimate = estimator.add(problem.observations[:9])
-    msg = conversions.estimate_to_msg(EstimateReport.of(estimate, "box"))
+    msg = conversions.estimate_to_msg(EstimateReport.of(estimate, "box", estimate.belief))
     assert msg.status == FrictionEstimate.STATUS_OPTIMAL
     assert (msg.data_points, msg.pushes) == (9, 9)
     assert list(msg.support_friction.weights) == list(estimate.w)
     assert [(p.x, p.y) for p in msg.support_friction.support_points] == [tuple(p) for p in estimate.support_points]
     assert (msg.center_of_friction.x, msg.center_of_friction.y) == tuple(estimate.center_of_friction)
+    believed = msg.spread.center_of_friction
+    assert (believed.x, believed.y) == tuple(estimate.believed_center) == markers.center_of_friction_from(msg)
     assert (msg.contact_friction.p90, msg.contact_friction.max) == (estimate.mu_c_p90, estimate.mu_c_max)
     assert msg.gap == estimate.solution.gap
 

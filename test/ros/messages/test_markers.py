@@ -30,7 +30,7 @@ DATA = observations_of(OUTLINE, TABLE_1[NAME].support, 0.5, 5, np.random.default
 def estimate():
     estimator = Estimator(load_object(NAME).support_points)
     last = estimator.add(DATA)
-    return estimate_to_msg(EstimateReport.of(last, NAME))
+    return estimate_to_msg(EstimateReport.of(last, NAME, last.belief))
 
 
 def test_all_markers_are_in_the_object_frame_at_the_newest_observation(estimate):

@@ -10,11 +10,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.planar import Pose, Wrench
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.prediction import friction_model, motion_cone, predict, stability
+from pushfric_core.mechanics.prediction import motion_cone, predict, stability
 from pushfric_core.mechanics.simulation import ContactMode
 from pushfric_core.mechanics.strokes import predict_strokes
 from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ellipsoid

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import html
 import importlib.util
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from pushfric_core.belief.believe import believing
 from pushfric_core.errors import extra
 from pushfric_core.estimation.estimate_report import EstimateReport, center_line, contact_friction_line
 from pushfric_core.estimation.verdict import InputCheck, Verdict
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Array, as_array
+from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.support import center_of_friction
+from pushfric_core.mechanics.prediction import FrictionModel, MuC
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Optimum, Status
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty import contact_friction
-from pushfric_core.uncertainty.contact_friction import ContactForces, MuC, Tip
+from pushfric_core.uncertainty.contact_friction import ContactForces, Tip
 from pushfric_core.uncertainty.model_comparison import Comparison
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason
-from pushfric_core.uncertainty.spread import Spread
 from pushfric_core.wording import observations_of
 
 if TYPE_CHECKING:
@@ -47,8 +48,7 @@ class Estimate:
         contact_forces: at each contact, of supports of unit weight, in order of arrival.
         conflicts: observations whose hard constraints contradict each other; empty unless the status is INFEASIBLE.
         center_given: the centre of friction is one of the hard constraints (eq. 13).
-        spread: how far p_CF and w can be trusted; None if it is not computed, or the data do not determine it.
-        lack: why the pushes do not show the spread; None if they vary enough.
+        lack: why the pushes do not show how far p_CF is off; None if they vary enough.
         tip: what was seen and measured of the pusher's tip at each contact.
         moment_error: mean moment error of an observation [m, unit force]; None if the fit has other terms or another loss.
         observations: those that it rests on; in order of arrival, except that those of a push that came back are the last.
@@ -64,7 +64,7 @@ class Estimate:
         >>> estimate
         <Estimate: p_CF (10.00, 0.00) mm from 1 observation of 1 push, optimal>
         >>> print(str(estimate).splitlines()[0])
-        p_CF   (10.00, 0.00) mm
+        p_CF   (10.00, 0.00) mm by the program
         >>> estimate.w.round(2).tolist(), estimate.verdict.use
         ([0.4, 0.6], False)
     """
@@ -77,7 +77,6 @@ class Estimate:
     contact_forces: ContactForces
     conflicts: tuple[Observation, ...] = ()
     center_given: bool = False
-    spread: Spread | None = None
     lack: Reason | None = None
     tip: Tip | None = None
     moment_error: float | None = None
@@ -118,25 +117,36 @@ class Estimate:
         """p_CF (2,) [m], object frame (eq. 3)."""
         return center_of_friction(self.support_points, self.w)
 
+    @cached_property
+    def belief(self) -> FrictionModel | None:
+        """The belief after the pushes, with its uncertainty, computed when it is first asked for.
+
+        None without a push, or if the centre of friction is given. Its covariance is None if the pushes lack variety.
+        """
+        for _ in self.believing():
+            pass
+        return self.belief
+
+    def believing(self) -> Generator[None, None, None]:
+        """Compute `belief`, but pause after each step, for a program that has other things to do meanwhile."""
+        found = None if self.center_given else (yield from believing(self.support_points, self.observations))
+        # where `cached_property` looks
+        self.__dict__["belief"] = found if found is None or self.lack is None else replace(found, covariance=None)
+
+    @property
+    def believed_center(self) -> Array:
+        """The belief's p_CF (2,) [m]; that of the program as long as nothing is believed."""
+        return self.center_of_friction if self.belief is None else self.belief.center_of_friction
+
     @property
     def confidence(self) -> float | None:
-        """Radius about p_CF that holds the true one with a probability of 90 % [m]; None without a spread."""
-        return None if self.spread is None else self.spread.radius
+        """Radius about the belief's p_CF that holds the true one with a probability of 90 % [m]; None: it is not known."""
+        return None if self.belief is None else self.belief.confidence
 
-    @cached_property
+    @property
     def mu_c(self) -> MuC | None:
-        """The contact friction coefficient with its interval; None without observations."""
-        if self.tip is None or not self.data_points:
-            return None
-        weights = self.w[None] if self.spread is None else np.vstack((self.spread.middle, self.spread.samples))
-        return contact_friction.coefficient(self.contact_forces, self.tip, weights)
-
-    def mu_c_of(self, weights: npt.ArrayLike) -> list[float | None]:
-        """mu_c under each of some w (k, n); None for a w under which it is only bounded."""
-        if self.tip is None or not self.data_points:
-            return [None] * len(as_array(weights))
-        found = [contact_friction.coefficient(self.contact_forces, self.tip, w[None]) for w in as_array(weights)]
-        return [None if one is None else one.value for one in found]
+        """The contact friction coefficient with its interval, by the belief; None without observations."""
+        return None if self.belief is None else self.belief.known_mu_c
 
     @cached_property
     def contact_friction(self) -> Array:
@@ -184,19 +194,19 @@ class Estimate:
         Raises:
             ValueError: the estimate rests on no observation.
         """
-        return EstimateReport.of(self, object_name, verdict=self.verdict).to_dict()
+        return EstimateReport.of(self, object_name, self.belief, verdict=self.verdict).to_dict()
 
     def to_frame(self) -> pandas.DataFrame:
         """A table with a row for each support point: `x`, `y` [m], object frame, `w`, and its 90 % interval `low`, `high`.
 
-        The interval is NaN without a spread.
+        The interval is NaN without a belief.
 
         Raises:
             MissingPackage: pandas is not installed.
         """
         with extra("pandas", "to_frame"):
             import pandas
-        intervals = np.full((len(self.w), 2), np.nan) if self.spread is None else self.spread.intervals
+        intervals = np.full((len(self.w), 2), np.nan) if self.belief is None else self.belief.intervals
         return pandas.DataFrame(
             np.column_stack((self.support_points, self.w, intervals)), columns=["x", "y", "w", "low", "high"]
         )
@@ -225,3 +235,24 @@ class Estimate:
         from pushfric_core.estimation import picture
 
         return picture.as_html(self) + text
+
+
+def friction_model(estimate: Estimate) -> FrictionModel:
+    """The friction model of an estimate: what is believed after its pushes, for predictions.
+
+    Args:
+        estimate: from at least one observation; without a centre of friction that was given.
+    Raises:
+        ValueError: nothing is believed: there is no observation in which anything moves into the object, or p_CF is given.
+
+    Example:
+        >>> from pushfric_core import Estimator, Observation, Twist, friction_model, predict
+        >>> estimator = Estimator([(-0.05, -0.02), (0.05, -0.02), (0.0, 0.02)])
+        >>> estimate = estimator.add(Observation((0.01, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1)))
+        >>> model = friction_model(estimate)
+        >>> predict(model, [(0.0, -0.03)], [(0.0, -1.0)], [(0.0, 0.02)]).twists.shape
+        (1, 3)
+    """
+    if estimate.belief is None:
+        raise ValueError("a friction model needs an estimate from at least one push, got one from none")
+    return estimate.belief

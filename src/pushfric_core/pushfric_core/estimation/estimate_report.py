@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.planar import Array
+from pushfric_core.mechanics.prediction import FrictionModel, MuC
 from pushfric_core.solvers.program import Status
-from pushfric_core.uncertainty.contact_friction import MuC, Slip
+from pushfric_core.uncertainty.contact_friction import Slip
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason
 
@@ -46,8 +47,14 @@ class FrictionReport(NamedTuple):
     mu_c: MuC | None
 
     @classmethod
-    def of(cls, estimate: "Estimate", slipping: Sequence[bool] = ()) -> "FrictionReport":
-        """The report on an estimate, O(M) for M observations; `slipping` as for `EstimateReport.of`."""
+    def of(cls, estimate: "Estimate", mu_c: MuC | None, slipping: Sequence[bool] = ()) -> "FrictionReport":
+        """The report on an estimate and what is believed of mu_c, O(M) for M observations.
+
+        Args:
+            estimate: from at least one observation.
+            mu_c: what is believed.
+            slipping: for each observation, whether its contact is known to have slipped; empty: for none.
+        """
         bounds = estimate.contact_friction
         slid = bounds[np.asarray(slipping)] if any(slipping) else None
         slips = np.empty(0, int) if estimate.tip is None else estimate.tip.slips
@@ -59,17 +66,16 @@ class FrictionReport(NamedTuple):
             None if slid is None else (float(slid.min()), float(slid.max())),
             () if estimate.tip is None else np.bincount(slips, minlength=len(Slip)).tolist(),
             list(Slip)[slips[-1]] if len(slips) else Slip.UNKNOWN,
-            estimate.mu_c,
+            mu_c,
         )
 
 
 class SpreadReport(NamedTuple):
-    """How certain p_CF and w are."""
+    """The belief about w, with its uncertainty."""
 
     covariance: Array  # (2, 2) of p_CF [m^2]
-    middle: Array  # (n,) the mean of the extreme w
+    middle: Array  # (n,) the mean w
     intervals: Array  # (n, 2) low and high of each w_j
-    data_points: int  # it rests on
 
 
 @dataclass(frozen=True)
@@ -89,8 +95,9 @@ class EstimateReport:
     gap: float
     total_friction: float | None  # [N]; None without measured forces
     friction: FrictionReport
+    believed: int  # number of observations that the spread and the value of mu_c rest on
     spread: SpreadReport | None  # None: not computed, or the pushes cannot give it
-    confidence: float | None  # radius about p_CF [m]; None without a spread
+    confidence: float | None  # radius about the belief's p_CF [m]; None without a spread
     reasons: Sequence[Reason] = ()  # why the estimate is not to be used
     notes: Sequence[Reason] = ()
     rejected: Sequence[Rejected] = ()
@@ -101,20 +108,25 @@ class EstimateReport:
         cls,
         estimate: "Estimate",
         object_name: str,
+        belief: FrictionModel | None,
         slipping: Sequence[bool] = (),
         verdict: Verdict | None = None,
         friction: FrictionReport | None = None,
+        believed: int | None = None,
     ) -> "EstimateReport":
         """The report on an estimate.
 
         Args:
             estimate: from at least one observation.
             object_name: name of the object.
+            belief: that of the estimate, or of an earlier one.
             slipping: for each observation, whether its contact is known to have slipped; empty: for none.
             verdict: on its input; None: not judged.
             friction: what is said of mu_c; None: what this estimate says.
+            believed: number of observations that the belief rests on; None: all.
         """
-        solution, spread, verdict = estimate.solution, estimate.spread, verdict or Verdict()
+        solution, verdict = estimate.solution, verdict or Verdict()
+        known = belief if belief is not None and belief.covariance is not None else None
         return cls(
             object_name,
             estimate.stamp,
@@ -128,9 +140,12 @@ class EstimateReport:
             solution.lower_bound,
             solution.gap,
             estimate.total_friction,
-            friction or FrictionReport.of(estimate, slipping),
-            None if spread is None else SpreadReport(spread.covariance, spread.middle, spread.intervals, spread.data_points),
-            estimate.confidence,
+            friction or FrictionReport.of(estimate, None if belief is None else belief.known_mu_c, slipping),
+            estimate.data_points if believed is None else believed,
+            None
+            if known is None or known.covariance is None
+            else SpreadReport(known.covariance, known.support.weights, known.intervals),
+            None if known is None else known.confidence,
             verdict.reasons,
             verdict.notes,
             verdict.rejected,
@@ -177,10 +192,13 @@ class EstimateReport:
 
 
 def center_line(figures: dict[str, Any]) -> str:
-    """p_CF in words, from what `EstimateReport.to_dict` gives."""
+    """p_CF in words, from what `EstimateReport.to_dict` gives: what is believed, and the optimum of the program."""
     x, y = (1e3 * value for value in figures["center_of_friction"])
-    trust = f", within {figures['confidence'] * 1e3:.2f} mm with 90 % probability" if "confidence" in figures else ""
-    return f"p_CF   ({x:.2f}, {y:.2f}) mm{trust}"
+    if "middle" not in figures:
+        return f"p_CF   ({x:z.2f}, {y:z.2f}) mm by the program"
+    u, v = (1e3 * value for value in figures["middle"]["center_of_friction"])
+    believed = f"p_CF   ({u:z.2f}, {v:z.2f}) mm, within {figures['confidence'] * 1e3:.2f} mm with 90 % probability"
+    return f"{believed}; ({x:z.2f}, {y:z.2f}) mm by the program"
 
 
 def contact_friction_line(figures: dict[str, Any]) -> str:
@@ -192,8 +210,10 @@ def contact_friction_line(figures: dict[str, Any]) -> str:
 
 
 def _coefficient(mu: dict[str, Any]) -> str:
-    """The value and its interval, in front of the bounds; nothing if it is only bounded."""
-    if mu.get("value") is None:
+    """The belief, in front of the bounds."""
+    if "interval" not in mu:
         return ""
     low, high = mu["interval"]
+    if mu["value"] is None:
+        return f"at least {low:.3f} with 90 % probability; "
     return f"{mu['value']:.3f} from {mu['kind']}, {low:.3f} to {high:.3f} with 90 % probability; "

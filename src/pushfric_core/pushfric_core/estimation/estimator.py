@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -29,24 +28,13 @@ from pushfric_core.program.constraints import (
 )
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program
-from pushfric_core.solvers.program import LevelSets, Loss, Optimum, Solver, Status, largest_fit_error
+from pushfric_core.solvers.program import Loss, Optimum, Solver
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
+from pushfric_core.uncertainty.excitation import Excitation
 from pushfric_core.uncertainty.model_comparison import Comparison, compare
-from pushfric_core.uncertainty.outlier_rejection import REASONS, OutlierRejection, Rejected
-from pushfric_core.uncertainty.spread import (
-    DIRECTIONS,
-    ELLIPSE,
-    NOISELESS,
-    Excitation,
-    Scatter,
-    Spread,
-    is_due,
-    rise,
-    scatter,
-    spread,
-)
+from pushfric_core.uncertainty.outlier_rejection import REASONS, OutlierRejection, Rejected, is_due
 from pushfric_core.wording import counted, observations_of
 
 TERMS: dict[str, Callable[[EstimatorConfig], Constraint]] = {
@@ -111,7 +99,6 @@ class EstimatorConfig:
     tie_break: bool | None = setting(
         None, f"if several w are equally good, take the w nearest to equal weights; {ABLE}, and without the term force"
     )
-    confidence: bool | None = setting(None, f"compute the uncertainty of p_CF; {ABLE}")
     screening: bool | None = setting(
         None, f"outlier rejection: leave out pushes that are unlike the rest, and look for a change of the object; {ABLE}"
     )
@@ -132,7 +119,7 @@ class EstimatorConfig:
             raise ValueError("the term cone needs a mu_bound, the known upper bound on mu_c, got none")
         if self.with_scale and not self.exact:
             raise ValueError(f"the term force needs the loss l1 and the solver simplex, got {self.loss} and {self.solver}")
-        for name in ("tie_break", "confidence", "screening"):
+        for name in ("tie_break", "screening"):
             if getattr(self, name) and not self.exact:
                 raise ValueError(
                     f"{name} needs the loss l1 and the solver simplex, got {self.loss} and {self.solver}; leave it to auto"
@@ -149,7 +136,7 @@ class EstimatorConfig:
 
     @property
     def exact(self) -> bool:
-        """Whether the solver finds the exact optimum and all that is as good: for tie-break, confidence, outlier rejection."""
+        """Whether the solver finds the exact optimum and all that is as good: for tie-break and outlier rejection."""
         return (self.loss, self.solver) == (Loss.L1, Solver.SIMPLEX)
 
     @property
@@ -176,19 +163,19 @@ class Estimator:
 
     What it says is a function of the observations and the settings alone: not of the order of the pushes, nor of when somebody
     asked. There are three exceptions: whether the object has changed is a question of time; if there are more than
-    `spread.EXACT` observations, outlier rejection looks only after every second, third, ... of them; and what may be wrong with
-    the observations is compared only when no other one follows at once.
+    `outlier_rejection.EXACT` observations, outlier rejection looks only after every second, third, ... of them; and what may be
+    wrong with the observations is compared only when no other one follows at once.
 
     Args:
         support_points: (n, 2) hypothesised supports in the object frame [m].
         config: the constraints; EstimatorConfig() by default.
         center_of_friction: p_CF (2,) [m] if it is known or hypothesised; it becomes a hard constraint (eq. 13). Then there is
-            neither confidence nor screening.
+            no screening.
         free: how near the centre of rotation supports may push any way; by default as the config says.
         outline: of the object, which pictures of the estimates show; None: it is not known.
     Raises:
         ValueError: support_points is not (n, 2) with n >= 1, center_of_friction not (2,), or a value is not finite; or p_CF is
-            given and confidence or screening is asked for.
+            given and screening is asked for.
 
     Example:
         >>> from pushfric_core import Estimator, Observation, Outline, Twist
@@ -219,17 +206,11 @@ class Estimator:
             self._center = np.array(center_of_friction, dtype=float)
             if self._center.shape != (2,) or not np.isfinite(self._center).all():
                 raise ValueError(f"center_of_friction must be two finite numbers, got {center_of_friction!r}")
-            if config.confidence or config.screening:
-                raise ValueError("confidence and screening ask where p_CF is, but it is given; leave them to auto")
-        able = config.exact and self._center is None
-        self._open = able and config.confidence is not False
-        self._rejects = able and config.screening is not False
+            if config.screening:
+                raise ValueError("screening asks where p_CF is, but it is given; leave it to auto")
+        self._rejects = config.exact and self._center is None and config.screening is not False
         self._size = float(np.ptp(self.support_points, axis=0).max())
         self._moments_alone = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
-        n = len(self.support_points)
-        # along which the set is measured: eight directions of p_CF, and each w_j upwards and downwards
-        tilts = DIRECTIONS @ (self.support_points - self.support_points.mean(axis=0)).T
-        self._tilts = np.concatenate((tilts, np.eye(n), -np.eye(n)))
         self._kept: set[int] = set()  # pushes that stay in, whatever shows
         self._begin()
 
@@ -246,8 +227,6 @@ class Estimator:
         self._rejection = OutlierRejection(self.support_points) if self._rejects else None
         self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
         self._last_rejection = 0  # number of observations when outliers were last rejected
-        self._last_spread: Spread | None = None
-        self._spread_of = 0  # number of observations that it rests on
         self._last_comparison, self._compared = Comparison(), 0  # ... and the number of all observations it was made of
         self._forget()
         if self._center is not None:
@@ -382,15 +361,11 @@ class Estimator:
         return self._estimate(at_rest=True)
 
     def _estimate(self, at_rest: bool) -> Estimate:
-        """The estimate; if more observations may follow at once, the spread of many may rest on fewer (see `spread.EXACT`)."""
+        """The estimate; if more observations may follow at once, its comparison may rest on fewer."""
         solution = self._solve()
         groups = self._program.conflicts()
         conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
         data_points, pushes = len(self._observations), len(self._pushes)
-        lack = self._excitation.lack(pushes)
-        known = self._open and lack is None and solution.status is Status.OPTIMAL
-        if known and (self._spread_of != data_points if at_rest else is_due(data_points, self._spread_of)):
-            self._last_spread, self._spread_of = self._spread(solution), data_points
         return Estimate(
             self.support_points,
             solution,
@@ -400,8 +375,7 @@ class Estimator:
             self._contacts.forces,
             conflicts,
             self._center is not None,
-            self._last_spread if known else None,
-            lack,
+            self._excitation.lack(pushes),
             self._contacts.tip,
             solution.objective / data_points if self._moments_alone and data_points else None,
             Observations(self._listed, data_points),
@@ -433,36 +407,10 @@ class Estimator:
         """Begin to look at the observations from the first one on."""
         self._excitation, self._input = Excitation(self._size), InputCheck(self.support_points)
         self._unchecked: list[Observation] = []  # observations that the input check has not seen yet: only a verdict needs it
-        self._last_spread, self._spread_of = None, 0
 
     def _look_at(self, observation: Observation) -> None:
         self._excitation.add(observation.push_id, observation.contact_point, observation.contact_normal)
         self._unchecked.append(observation)
-
-    def _spread(self, solution: Optimum) -> Spread | None:
-        """The uncertainty; None if the extremes of the set were not found."""
-        count, pushes, n = len(self._observations), len(self._pushes), len(self.support_points)
-        program = cast(LevelSets, self._program)
-        rows = program.rows()
-        worst = largest_fit_error(rows, n)
-        delta = rise(solution.objective, worst, count, solution.w)
-        wanted = np.concatenate((np.ones(8 + n, dtype=bool), solution.w > 0))  # the least w_j of all others is the 0 they have
-        found = program.extremes(self._tilts[wanted], delta)
-        if found is None:
-            return None
-        extremes, most, least = found[:8], found[8 : 8 + n], found[8 + n :]
-        bearing = np.flatnonzero(solution.w > 0)
-        reach = np.zeros((n, 2))
-        reach[:, 1] = most.diagonal()
-        reach[bearing, 0] = least[np.arange(len(bearing)), bearing]
-        if solution.objective > NOISELESS * worst:
-            places = np.empty(self._next, dtype=np.int64)
-            places[np.fromiter(self._observations, dtype=np.int64, count=count)] = np.arange(count)
-            group_pushes = self._contacts.tip.push.astype(np.int64)
-            errors = scatter(rows, places[program.row_groups()], group_pushes, extremes, solution.scale, delta)
-        else:  # the set is that of the optima
-            errors = Scatter(np.full(4, 1 / ELLIPSE))
-        return spread(self.support_points, solution.w, extremes, reach, errors, pushes, count)
 
     def _solve(self) -> Optimum:
         return self._program.solve() if self.config.tie_break is False else self._program.nearest_uniform()

@@ -13,7 +13,7 @@ from matplotlib.patches import Ellipse
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
-from pushfric_core.uncertainty.spread import ELLIPSE
+from pushfric_core.mechanics.prediction import ELLIPSE
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
@@ -46,10 +46,11 @@ def draw_support_friction(axes: Any, estimate: "Estimate", outline: Outline | No
     zero = estimate.w < 1e-3
     axes.plot(*points[zero].T, "x", color=GREY, ms=5)
     axes.scatter(*points[~zero].T, s=AREA * estimate.w[~zero], color=ESTIMATE, alpha=0.8, lw=0, label="estimated $w$")
-    x, y = estimate.center_of_friction * MILLIMETRE
+    believed = estimate.belief
+    x, y = estimate.believed_center * MILLIMETRE
     axes.plot(x, y, "+", color=ESTIMATE, ms=12, mew=2, label="estimated $p_{CF}$")
-    if estimate.spread is not None:
-        sizes, directions = np.linalg.eigh(estimate.spread.covariance)
+    if believed is not None and believed.covariance is not None:
+        sizes, directions = np.linalg.eigh(believed.covariance)
         width, height = 2 * MILLIMETRE * np.sqrt(ELLIPSE * np.maximum(sizes, 0))
         turn = np.degrees(np.arctan2(*directions[::-1, 0]))
         axes.add_patch(Ellipse((x, y), width, height, angle=turn, fill=False, ec=ESTIMATE, lw=1, label="90 % ellipse"))

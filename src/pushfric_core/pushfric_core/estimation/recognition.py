@@ -174,7 +174,7 @@ class Recognizer:
             raise ValueError("hypotheses must hold at least one, got none")
         if len(set(names)) < len(names):
             raise ValueError(f"hypotheses must differ in name, got {', '.join(names)}")
-        same = replace(config or EstimatorConfig(), tie_break=False, confidence=False, screening=False)  # only fit errors count
+        same = replace(config or EstimatorConfig(), tie_break=False, screening=False)  # only fit errors count
         self._estimators = {hypothesis.name: _estimator(hypothesis, same) for hypothesis in hypotheses}
 
     @property

@@ -168,9 +168,8 @@ class InputCheck:
         # what a mistake in the input brings about says nothing of its own, and its remedy would be the wrong one
         lack = [] if estimate.lack is None else [estimate.lack]
         mistakes = self._mistakes(estimate.comparison.misfit or 0.0)
-        within = math.inf if estimate.confidence is None else estimate.confidence
         explained = estimate.comparison.explanations
-        if explained and explained[0].size <= min(within, CERTAINLY_OFF):
+        if explained and explained[0].size <= min(_within(estimate), CERTAINLY_OFF):
             explained = ()  # a length that p_CF is not known to is none to worry about
         if any(one.code is ReasonCode.NORMALS_INWARD for one in mistakes) or (mistakes and not explained):
             return Verdict((*mistakes, *lack))
@@ -186,7 +185,7 @@ class InputCheck:
         if not found:
             return Verdict((*wrong, *lack), change=change)
         misplaced = [one.reason for one in found]
-        if wrong or any(one.displaces and one.size > within for one in found):
+        if wrong or any(one.displaces and one.size > _within(estimate) for one in found):
             return Verdict((*misplaced, *lack), change=change)
         return Verdict(tuple(lack), change=change, notes=tuple(misplaced))
 
@@ -255,8 +254,7 @@ class InputCheck:
         if misfit is not None and misfit > POOR_MISFIT:
             text = f"motions are typically {math.degrees(misfit):.0f} degrees off, far more than those of real pushes: {what}"
             return [Reason(ReasonCode.POOR_FIT, text)]
-        w = estimate.w if estimate.spread is None else estimate.spread.middle
-        reach = (DIRECTIONS @ (self._points - w @ self._points).T).max(axis=1)
+        reach = (DIRECTIONS @ (self._points - estimate.center_of_friction).T).max(axis=1)
         extent = reach[:32] + reach[32:]
         thick = extent.min() > 0.1 * extent.max()
         if estimate.status is not Status.INFEASIBLE and thick and reach.min() < AT_THE_EDGE * extent.max():
@@ -284,6 +282,11 @@ class InputCheck:
             f"the object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: {cause}"
         )
         return [Reason(ReasonCode.HALF_PLANES, text)]
+
+
+def _within(estimate: "Estimate") -> float:
+    """How far p_CF may be off [m]; asked for only where something is wrong, because it takes longer than an observation."""
+    return math.inf if estimate.confidence is None else estimate.confidence
 
 
 def _likeliest(explained: Sequence[Explanation]) -> list[Reason]:

@@ -74,7 +74,7 @@ class EstimatorSettings:
 
         `warn` is called with a line for each push, and for each single observation, that is left out.
         """
-        config = dataclasses.replace(self.estimator, confidence=False, tie_break=False)  # they leave out no push
+        config = dataclasses.replace(self.estimator, tie_break=False)  # they leave out no push
         estimator = dataclasses.replace(self, estimator=config).new_estimator(support_points)
         estimator.add(usable_by(estimator, data, warn))
         for push in estimator.rejected:

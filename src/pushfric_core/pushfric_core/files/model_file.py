@@ -12,14 +12,14 @@ import pydantic
 import yaml
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.estimate import Estimate, friction_model
 from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.file_errors import as_named_here, shortened
 from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml, within
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.planar import Array, Pose, Twist
-from pushfric_core.mechanics.prediction import FrictionModel, friction_model
+from pushfric_core.mechanics.prediction import FrictionModel, Kind
 from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
 from pushfric_core.trajectories.observation import PUSH_IDS, Observation
@@ -93,7 +93,7 @@ class ModelFile(Strict):
     total_friction: Annotated[float, pydantic.Field(ge=0), within(STRONGEST, "N")] | None = (
         None  # [N]; only from observations with measured forces
     )
-    misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.mechanics.prediction.misfit [rad]
+    misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.FrictionModel [rad]
     ensemble: tuple[SampleFile, ...] = ()
     made: MadeFile
     versions: dict[str, str] = pydantic.Field(default_factory=dict)
@@ -124,10 +124,13 @@ class ModelFile(Strict):
     def friction(self) -> FrictionModel:
         """The model that predicts: from the ensemble if there is one."""
         points = np.array(self.object.support.points)
+        covariance = None if self.covariance is None else np.array(self.covariance)
+        kind = None if self.mu_c.interval is None else Kind(self.mu_c.kind)
+        learned = self.misfit, covariance, kind, self.made.data_points
         if not self.ensemble:
-            return FrictionModel(points, np.array((self.w,)), np.array((self.mu_c.value,)), np.ones(1), self.misfit)
+            return FrictionModel(points, np.array((self.w,)), np.array((self.mu_c.value,)), np.ones(1), *learned)
         w, mu_c, share = ([getattr(sample, name) for sample in self.ensemble] for name in ("w", "mu_c", "weight"))
-        return FrictionModel(points, np.array(w), np.array(mu_c), np.array(share), self.misfit)
+        return FrictionModel(points, np.array(w), np.array(mu_c), np.array(share), *learned)
 
     @property
     def rests_on(self) -> str:
@@ -167,7 +170,7 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
     """
     friction = friction_model(estimate)
     points = [(float(x), float(y)) for x, y in estimate.support_points]
-    x, y = estimate.center_of_friction.tolist()
+    x, y = friction.center_of_friction.tolist()
     made = MadeFile(
         source=source,
         data_points=estimate.data_points,
@@ -181,8 +184,8 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
         object=model.file.model_copy(update={"support": SupportFile(points=points)}),
         w=np.clip(estimate.w, 0.0, 1.0).tolist(),
         center_of_friction=(x, y),
-        covariance=None if estimate.spread is None else _covariance(estimate.spread.covariance),
-        mu_c=_contact_friction(estimate, friction),
+        covariance=None if friction.covariance is None else _covariance(friction.covariance),
+        mu_c=_contact_friction(friction),
         total_friction=estimate.total_friction,
         misfit=friction.misfit,
         ensemble=_ensemble(friction),
@@ -197,8 +200,8 @@ def _covariance(matrix: Array) -> tuple[Point, Point]:
     return (a, b), (c, d)
 
 
-def _contact_friction(estimate: Estimate, friction: FrictionModel) -> ContactFrictionFile:
-    known = estimate.mu_c
+def _contact_friction(friction: FrictionModel) -> ContactFrictionFile:
+    known = friction.known_mu_c
     if known is None:
         return ContactFrictionFile(value=friction.mean_mu_c)
     high = known.high if math.isfinite(known.high) else None

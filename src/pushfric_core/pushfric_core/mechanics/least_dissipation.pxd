@@ -39,7 +39,8 @@ cdef bint slide_along(
 
 @cython.locals(
     sample=int64_t, x=double, y=double, normal_x=double, normal_y=double, velocity_x=double, velocity_y=double,
-    approach=double, speed=double, pressure=double, shear=double, inward=double, omega=double, r=Py_ssize_t,
+    approach=double, speed=double, pressure=double, shear=double, inward=double, omega=double, outcome=Py_ssize_t,
+    r=Py_ssize_t,
 )
 cpdef Py_ssize_t push_each(
     Contact contact, const double[::1] mu_c, const int64_t[::1] samples, const double[:, ::1] points,

@@ -189,8 +189,9 @@ def push_each(
         modes: (r,) takes how the tips meet the objects.
         forces: (r, 2) takes the forces of the pusher ON the object.
     Returns:
-        The number of objects, or what is wrong.
+        The number of objects, or what is wrong with the last whose motion was not found; such an object stays at rest.
     """
+    outcome = len(samples)
     for r in range(len(samples)):
         sample, x, y, normal_x, normal_y = samples[r], points[r, 0], points[r, 1], normals[r, 0], normals[r, 1]
         velocity_x, velocity_y = velocities[r, 0], velocities[r, 1]
@@ -208,18 +209,20 @@ def push_each(
             # sticking would need a force outside the friction cone: the object moves as on the cone's edge on that side
             modes[r] = SLIDING
             if not slide_along(contact, sample, x, y, normal_x, normal_y, math.copysign(mu_c[sample], shear), steps):
-                return ENDLESS
+                outcome, modes[r] = ENDLESS, FREE
+                continue
             forces[r, 0] = contact.along * contact.x - contact.by_slip * contact.y
             forces[r, 1] = contact.along * contact.y + contact.by_slip * contact.x
             velocity_x, velocity_y = contact.x - contact.slip * contact.y, contact.y + contact.slip * contact.x
             inward = velocity_x * normal_x + velocity_y * normal_y
             if not inward < 0:
-                return WEDGED
+                outcome, modes[r] = WEDGED, FREE
+                continue
             speed = approach / inward
             velocity_x, velocity_y = velocity_x * speed, velocity_y * speed
         omega = contact.turn * speed
         twists[r, 0], twists[r, 1], twists[r, 2] = velocity_x + omega * y, velocity_y - omega * x, omega
-    return len(samples)
+    return outcome
 
 
 def cone_each(contact: Contact, mu_c: Array, samples: Indices, points: Array, normals: Array, steps: int, cones: Array) -> int:

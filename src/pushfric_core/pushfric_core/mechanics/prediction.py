@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.geometry.planar import Array, as_array, frozen, left_of
 from pushfric_core.geometry.support import Support, center_of_friction, check_points
 from pushfric_core.mechanics import quasi_static
@@ -18,26 +19,38 @@ from pushfric_core.mechanics.quasi_static import MODES, SUM, Motions
 from pushfric_core.mechanics.simulation import ContactMode
 from pushfric_core.records import comparable
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.uncertainty import contact_friction
 from pushfric_core.wording import counted
 
 SHARE = 0.9
 """The truth lies within a spread this often."""
 
-WITNESSES = 50
-"""A model is judged by at most this many observations, spread evenly over all: its cost does not grow with their number."""
-
-LEAST_SHARE = 0.01
-"""Samples with a smaller weight are left out."""
-
 STICKING = 1e6
 """A contact friction coefficient with which no tip slides."""
 
-COEFFICIENTS = 0.05 * 2 ** (np.arange(11) / 2)
-"""Contact friction coefficients to try, as far as they lie in the estimate's interval; 1.6 is that of rubber on wood."""
+ELLIPSE = -2 * math.log(1 - SHARE)
+"""x' C^-1 x at the edge of the ellipse of a normal distribution in the plane that holds SHARE of it."""
 
-EXACT = 1e-6
-"""Mean angles below this are those of exact data [rad]."""
+
+class Kind(StrEnum):
+    """The evidence for mu_c."""
+
+    BOUND = "bound"  # pushes that stick, or forces that do: mu_c has no upper end
+    SLIP = "slip"  # the motions of pushes
+    FORCE = "force"  # forces measured while the tip slid, and the motions
+
+
+class MuC(NamedTuple):
+    """The contact friction coefficient."""
+
+    value: float | None  # None if there is only a bound
+    low: float  # mu_c lies in [low, high] with a probability of 90 %
+    high: float  # infinite if there is only a bound
+    kind: Kind
+
+
+def ellipse_radius(covariance: Array) -> float:
+    """Radius of the smallest circle that contains the 90 % ellipse of a covariance (2, 2), about the same middle."""
+    return math.sqrt(ELLIPSE * float(np.linalg.eigvalsh(covariance)[-1]))
 
 
 @comparable
@@ -50,8 +63,10 @@ class FrictionModel:
         w: (s, n) support friction distributions, >= 0, each with sum 1.
         mu_c: (s,) contact friction coefficients, >= 0 and finite.
         share: (s,) weights of the samples, sum 1.
-        misfit: 90 % of the observations have a smaller angle between their measured motion and the one that w predicts [rad]:
-            what the model itself cannot explain, see `misfit`.
+        misfit: 90 % of new motions are off by a smaller angle, apart from what the samples differ in [rad].
+        covariance: (2, 2) of p_CF about the truth [m^2]; None: the pushes do not show it, or nothing was learned from pushes.
+        kind: what mu_c rests on; None: it is given.
+        data_points: number of observations that the model was learned from.
     Raises:
         ValueError: shapes that do not fit, or values that make no sense.
 
@@ -68,6 +83,9 @@ class FrictionModel:
     mu_c: Array
     share: Array
     misfit: float = 0.0
+    covariance: Array | None = None
+    kind: Kind | None = None
+    data_points: int = 0
 
     def __post_init__(self) -> None:
         points = check_points(self.support_points)
@@ -80,6 +98,8 @@ class FrictionModel:
             raise ValueError(f"misfit must lie in [0, pi] rad, got {self.misfit}")
         for name, array in (("support_points", points), ("w", w), ("mu_c", mu_c), ("share", share)):
             object.__setattr__(self, name, array)
+        if self.covariance is not None:
+            object.__setattr__(self, "covariance", frozen(self.covariance))
 
     def __repr__(self) -> str:
         x, y = 1e3 * self.center_of_friction
@@ -120,6 +140,26 @@ class FrictionModel:
         if len(self.w) == 1:
             return self.w, self.mu_c
         return np.vstack((self.w, self.support.weights)), np.append(self.mu_c, self.mean_mu_c)
+
+    @property
+    def confidence(self) -> float | None:
+        """Radius about p_CF that holds the true one with a probability of 90 % [m]; None without a covariance."""
+        return None if self.covariance is None else ellipse_radius(self.covariance)
+
+    @cached_property
+    def intervals(self) -> Array:
+        """(n, 2) low and high: each w_j lies between them in 90 % of the samples."""
+        return np.quantile(self.w, ((1 - SHARE) / 2, (1 + SHARE) / 2), axis=0).T
+
+    @property
+    def known_mu_c(self) -> MuC | None:
+        """mu_c with its interval, as far as pushes have shown it."""
+        if self.kind is None:
+            return None
+        if self.kind is Kind.BOUND:
+            return MuC(None, float(np.quantile(self.mu_c, 1 - SHARE)), math.inf, self.kind)
+        low, value, high = np.quantile(self.mu_c, ((1 - SHARE) / 2, 0.5, (1 + SHARE) / 2)).tolist()
+        return MuC(value, low, high, self.kind)
 
     @cached_property
     def mean_mu_c(self) -> float:
@@ -315,111 +355,14 @@ def stability(
     return Stability(margins >= 0, margins, np.minimum(held, 1.0))
 
 
-def misfit(model: FrictionModel, observations: Sequence[Observation], fitted: int) -> float:
-    """The misfit that a model leaves in the observations it was made from, for `FrictionModel.misfit` [rad].
-
-    Each observation's motion is compared with the one that the mean friction predicts, see `_explained`. The misfit is the
-    angle that 90 % of new observations stay below (the order statistic of rank ceil(0.9 (m + 1))), enlarged because w was
-    fitted to the same observations. It is 0 without observations.
-
-    Args:
-        model: of the object.
-        observations: the observations, m.
-        fitted: how many parameters were fitted to them: the weights above zero of the optimum, less one.
-    """
-    if not observations:
-        return 0.0
-    angles = np.sort(_explained(model.mean, model, _witnesses(observations))[:, 0])
-    m = len(angles)
-    rank = min(int(np.ceil(SHARE * (m + 1) - 1e-9)), m)
-    count = len(observations)
-    return float(min(angles[rank - 1] * np.sqrt(count / max(count - fitted, 1)), np.pi))
-
-
 def prediction_errors(model: FrictionModel, observations: Sequence[Observation]) -> Array:
     """Angles (m,) between the motions of m >= 1 observations and those that the mean friction predicts [rad].
 
-    Where the tip's velocity is known, it is the tip that pushes; else the contact moves as it was measured to.
+    Where the tip's velocity is known, it is the tip that pushes; else the contact moves as it was measured to. If nothing can
+    be predicted, the angle counts as pi/2.
     """
-    return _explained(model.mean, model, observations)[:, 0]
-
-
-def friction_model(estimate: Estimate) -> FrictionModel:
-    """The friction model of an estimate, from the w that explain the observations about as well as the optimum.
-
-    The samples are the optimum, the middle and the extreme w of its spread, and equal weights on all support points, as one
-    assumes before any push; each has its own mu_c. The program compares moments, but a planner asks for motions. So each sample
-    counts by the motions that it predicts for the observations. For each standard error by which the mean of its angles exceeds
-    the least such mean, it counts 1/e as much. The errors of one push are alike. So the standard error is that of as many
-    angles as there are pushes; their standard deviation is taken for their mean, as in an exponential distribution.
-    docs/planning.md has the evidence.
-
-    Where the tip's velocity is known, mu_c is shifted to the mean of what its interval holds, weighed in the same way: few
-    slips, or bounds alone, hardly determine it, but a tip that would slide with a lower one moves the object another way.
-    Elsewhere, if mu_c is only bounded, 90 % of the finite lower bounds lie at or below the value used.
-
-    Args:
-        estimate: from at least one observation; the observations that it holds are those that judge the samples.
-    Raises:
-        ValueError: the estimate rests on no observation.
-
-    Example:
-        >>> from pushfric_core import Estimator, Observation, Twist, friction_model, predict
-        >>> estimator = Estimator([(-0.05, -0.02), (0.05, -0.02), (0.0, 0.02)])
-        >>> estimate = estimator.add(Observation((0.01, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1)))
-        >>> model = friction_model(estimate)
-        >>> predict(model, [(0.0, -0.03)], [(0.0, -1.0)], [(0.0, 0.02)]).twists.shape
-        (1, 3)
-    """
-    if not estimate.data_points:
-        raise ValueError("a friction model needs an estimate from at least one observation, got one from none")
-    observations = estimate.observations
-    bounds = estimate.contact_friction[np.isfinite(estimate.contact_friction)]
-    bound = contact_friction.percentile(bounds, SHARE) if len(bounds) else STICKING
-    points = estimate.support_points
-    known = [estimate.w] if estimate.spread is None else [estimate.w, estimate.spread.middle, *estimate.spread.extremes]
-    w = np.clip((*known, np.full(len(points), 1 / len(points))), 0.0, 1.0)
-    w /= w.sum(axis=1, keepdims=True)
-    mu_c = np.array([bound if value is None else value for value in estimate.mu_c_of(w)])
-    model = FrictionModel(points, w, mu_c, np.full(len(w), 1 / len(w)))
-    if observations:
-        witnesses = _witnesses(observations)
-        mu_c = np.maximum(mu_c - model.mean_mu_c + _mu_c(model, estimate, witnesses), 0.0)
-        model = replace(model, mu_c=mu_c)
-        share = _shares(_explained(model, model, witnesses).mean(axis=0), estimate.pushes)
-        counts = share >= LEAST_SHARE
-        model = FrictionModel(points, w[counts], mu_c[counts], share[counts] / share[counts].sum())
-    fitted = int(np.count_nonzero(estimate.w)) - 1
-    return replace(model, misfit=misfit(model, observations, fitted))
-
-
-def _mu_c(model: FrictionModel, estimate: Estimate, observations: Sequence[Observation]) -> float:
-    """mu_c by the motions that it predicts for observations with a known tip, within the interval of the estimate."""
-    known, own = estimate.mu_c, model.mean_mu_c
-    if known is None or not any(observation.tip_velocity for observation in observations):
-        return own
-    high = max(known.low, min(known.high, float(COEFFICIENTS[-1])))
-    inside = COEFFICIENTS[(known.low < COEFFICIENTS) & (high > COEFFICIENTS)]
-    mu_c = np.array((known.low, *inside, high, min(own, STICKING)))
-    w = np.repeat(model.support.weights[None], len(mu_c), axis=0)
-    candidates = FrictionModel(model.support_points, w, mu_c, np.full(len(mu_c), 1 / len(mu_c)))
-    share = _shares(_explained(candidates, model, observations).mean(axis=0), estimate.pushes)
-    return float(share @ np.minimum(mu_c, high))
-
-
-def _shares(means: Array, pushes: int) -> Array:
-    """How much samples count whose angles have these means (s,) [rad]; (s,), sum 1."""
-    least = float(means.min())
-    share = np.exp(-(means - least) * np.sqrt(pushes) / max(least, EXACT))
-    return np.asarray(share / share.sum())
-
-
-def _witnesses(observations: Sequence[Observation]) -> Sequence[Observation]:
-    """At most WITNESSES of the observations, evenly spread over all."""
-    count = len(observations)
-    if count <= WITNESSES:
-        return observations
-    return [observations[k] for k in np.linspace(0, count - 1, WITNESSES).round().astype(int).tolist()]
+    measured = np.array([observation.twist for observation in observations])
+    return model.angles(predicted_twists(model.mean, observations)[:, 0], measured)
 
 
 def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) -> Array:
@@ -443,15 +386,6 @@ def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) 
             seen = quasi_static.motions(model.support_points, model.w, mu_c, points[rows], normals[rows], moving[rows])
             twists[rows] = seen.twists
     return twists
-
-
-def _explained(model: FrictionModel, judge: FrictionModel, observations: Sequence[Observation]) -> Array:
-    """Angles (m, s) between the motions of m >= 1 observations and those that each of the samples of a model predicts [rad].
-
-    If nothing can be predicted, the angle counts as pi/2. The angles go by p_CF and length of the judge.
-    """
-    measured = np.array([observation.twist for observation in observations])
-    return judge.angles(predicted_twists(model, observations), measured[:, None])
 
 
 def _quantile(values: Array, share: Array, level: float) -> Array:

@@ -77,7 +77,14 @@ def motions(
 
 
 def motions_of_rows(
-    points: Array, weights: Array, mu_c: Array, samples: Indices, contacts: Array, normals: Array, velocities: Array
+    points: Array,
+    weights: Array,
+    mu_c: Array,
+    samples: Indices,
+    contacts: Array,
+    normals: Array,
+    velocities: Array,
+    lenient: bool = False,
 ) -> Motions:
     """As `motions`, for r pushes with a sample each; the arguments are not checked.
 
@@ -89,6 +96,7 @@ def motions_of_rows(
         contacts: (r, 2).
         normals: (r, 2).
         velocities: (r, 2).
+        lenient: an object whose motion is not found stays at rest, as if it were FREE.
     Returns:
         Twists (r, 3), modes (r,) and forces (r, 2).
     Raises:
@@ -96,7 +104,9 @@ def motions_of_rows(
     """
     twists, modes, forces = np.zeros((len(samples), 3)), np.zeros(len(samples), np.int8), np.zeros((len(samples), 2))
     contact, rows = least_dissipation.Contact(points, weights), (contacts, normals, velocities)
-    _check(least_dissipation.push_each(contact, mu_c, samples, *rows, ITERATIONS, twists, modes, forces))
+    outcome = least_dissipation.push_each(contact, mu_c, samples, *rows, ITERATIONS, twists, modes, forces)
+    if not lenient:
+        _check(outcome)
     return Motions(twists, modes, forces)
 
 

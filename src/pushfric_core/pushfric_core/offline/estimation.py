@@ -52,7 +52,7 @@ class Estimation(NamedTuple):
     def figures(self) -> dict[str, Any]:
         """All numbers, as the command line's JSON names them."""
         slipping = [observation.push_id in self.settings.slipping for observation in self.estimator.observations]
-        return EstimateReport.of(self.result, self.model.name, slipping, self.verdict).to_dict()
+        return EstimateReport.of(self.result, self.model.name, self.result.belief, slipping, self.verdict).to_dict()
 
     def to_model(self) -> ModelFile:
         """The model to keep."""

@@ -60,6 +60,6 @@ def check_loads(path: pathlib.Path, warn: Warn) -> list[Checked]:
         share = trial.mass / (file.mass + trial.mass)
         x, y = ((1 - share) * own + share * load for own, load in zip(file.center, trial.at, strict=True))
         result = estimate_from(path.parent / trial.data, Choices(name), warn).result
-        u, v = result.center_of_friction.tolist()
+        u, v = result.believed_center.tolist()
         checked.append(Checked(trial.data, (x, y), (u, v), result.confidence))
     return checked

@@ -21,12 +21,13 @@ from pushfric_core.bags.run_record import PLAN, TYPES
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import last, taken
+from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
-from pushfric_core.mechanics.prediction import friction_model, prediction_errors
+from pushfric_core.mechanics.prediction import FrictionModel, prediction_errors
 from pushfric_core.offline.estimation import Estimation
-from pushfric_core.report.figures import summary_figure
+from pushfric_core.report.figures import BELIEFS, summary_figure
 from pushfric_core.report.ledger import rows as ledger_rows
 from pushfric_core.report.page import Cell, Section, Table, number, page
 from pushfric_core.report.report import to_json
@@ -119,6 +120,8 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
     story, told, pictures = Story(estimation.model, f"recorded{when}"), Change(), dict[str, bytes]()
     data = zip(estimation.data, estimation.course, strict=True)
     following = next(data, None)
+    every = math.ceil(estimation.result.pushes / BELIEFS) or 1
+    belief: FrictionModel | None = None  # after the last push, or one of those before
 
     def tell(change: Change) -> None:
         for key, value in change.items():
@@ -129,12 +132,14 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
                 told[key] = value
 
     def go_on(stamp: float) -> None:
-        nonlocal following
+        nonlocal following, belief
         while following is not None and following[0].stamp <= stamp:
             observation, estimate = following
             tell(story.on_observation(observation))
-            tell(story.on_estimate(EstimateReport.of(estimate, estimation.model.name)))
             following = next(data, None)
+            if following is None or (following[0].push_id != observation.push_id and estimate.pushes % every == 0):
+                belief = estimate.belief
+            tell(story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief)))
 
     tell(story.begin())
     for name, msg in _recorded(estimation.source, namespace):
@@ -151,7 +156,9 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
         tell(change)
     go_on(math.inf)
     tell(story.on_settings(estimation.settings.to_text()))
-    return told | {"estimate": with_histogram(estimation.figures(), FrictionReport.of(estimation.result))}, pictures
+    return told | {
+        "estimate": with_histogram(estimation.figures(), FrictionReport.of(estimation.result, estimation.result.mu_c))
+    }, pictures
 
 
 def _recorded(source: pathlib.Path, namespace: str | None) -> Iterator[tuple[str, Any]]:

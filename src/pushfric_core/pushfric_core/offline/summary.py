@@ -19,12 +19,18 @@ def mark_outliers(lines: Sequence[Line]) -> list[Line]:
     """The lines; if an estimate differs from the others of its object, its line gets the key `differs` with the reasons."""
     marked = {line["input"]: dict(line) for line in lines}
     for group in by_object(lines).values():
-        points = [line["center_of_friction"] for line in group]
+        points = [_center(line) for line in group]
         errors = [line["objective"] / max(line["data_points"], 1) for line in group]
         for line, reasons in zip(group, differing(points, errors, [line["mu_c"].get("value") for line in group]), strict=True):
             if reasons:
                 marked[line["input"]]["differs"] = reasons
     return list(marked.values())
+
+
+def _center(line: Line) -> list[float]:
+    """The belief's p_CF; that of the program if the pushes do not show how far it is off."""
+    known: list[float] = line.get("middle", line)["center_of_friction"]
+    return known
 
 
 def by_object(lines: Sequence[Line]) -> dict[str, list[Line]]:
@@ -88,13 +94,13 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
 def _centers(name: str, group: Sequence[Line]) -> Centers:
     return Centers(
         name,
-        np.array([line["center_of_friction"] for line in group]),
+        np.array([_center(line) for line in group]),
         [pathlib.Path(line["input"]).name if "differs" in line else "" for line in group],
     )
 
 
 def _row(name: str, group: Sequence[Line]) -> str:
-    points = 1e3 * np.array([line["center_of_friction"] for line in group])
+    points = 1e3 * np.array([_center(line) for line in group])
     x, y = middle = np.median(points, axis=0)
     within = np.median(np.linalg.norm(points - middle, axis=1))
     values = [line["mu_c"]["value"] for line in group if line["mu_c"].get("value") is not None]

@@ -30,6 +30,12 @@ def _number(*keys: str | int) -> Callable[[Line], float | None]:
     return lambda line: None if found(line) is None else float(found(line))
 
 
+def _believed(axis: int) -> Callable[[Line], float | None]:
+    """A coordinate of the belief's p_CF; that of the program if the pushes do not show how far it is off."""
+    found = _number("center_of_friction", axis)
+    return lambda line: found(line.get("middle", line))
+
+
 COVARIANCE = "center_of_friction_covariance"
 
 COLUMNS: dict[str, Callable[[Line], Any]] = {
@@ -39,8 +45,8 @@ COLUMNS: dict[str, Callable[[Line], Any]] = {
     "use": _at("verdict", "use"),
     "error": _at("error"),
     "reasons": lambda line: " ".join(one["code"] for one in line["verdict"]["reasons"]) if "verdict" in line else None,
-    "p_cf_x": _number("center_of_friction", 0),
-    "p_cf_y": _number("center_of_friction", 1),
+    "p_cf_x": _believed(0),
+    "p_cf_y": _believed(1),
     "var_x": _number(COVARIANCE, 0, 0),
     "var_y": _number(COVARIANCE, 1, 1),
     "cov_xy": _number(COVARIANCE, 0, 1),

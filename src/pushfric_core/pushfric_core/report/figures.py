@@ -1,5 +1,7 @@
 """Figures of a run and of a limit surface, in the style of the paper's."""
 
+import itertools
+import math
 import pathlib
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
@@ -29,12 +31,15 @@ from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Wrench, transform
 from pushfric_core.geometry.table_1 import TableObject
 from pushfric_core.mechanics.limit_surface import LimitSurface
+from pushfric_core.mechanics.prediction import ELLIPSE
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.uncertainty.spread import ELLIPSE
 
 TRUTH, SLIPPING, OTHER, REACHED = "#d55e00", "#cc79a7", "#009e73", "#56b4e9"
 """The meaning of each colour, with those of the picture. OTHER marks what the estimate is compared with, REACHED what pushes
 reach. The colours are those of Okabe and Ito (Color Universal Design, 2008), which colour-blind readers tell apart."""
+
+BELIEFS = 15
+"""At most about so many times within a run, the figure shows how far p_CF may be off: it takes longer than an observation."""
 
 MERIDIANS = 8
 """Number of sections through the moment axis that show the limit surface in space."""
@@ -282,17 +287,24 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     """p_CF against the number of observations: its error in percent of the sides; if the truth is unknown, its coordinates."""
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
-    half: Array = np.array([_half_extents(estimate) for estimate in estimates])
+    half: Array = np.full((len(estimates), 2), np.nan)
+    ends = [k for k, (one, next_) in enumerate(itertools.pairwise(estimates)) if next_.pushes > one.pushes]
+    for end in [*ends[:: math.ceil(len(ends) / BELIEFS) or 1], len(estimates) - 1]:
+        half[end] = _half_extents(estimates[end])
     known = truth is not None
     unit = 100 / outline.size if known else np.full(2, MILLIMETRE)
     for k, (label, style) in enumerate((("x", "-"), ("y", "--"))):
         course = np.abs(centers[:, k] - truth.support.center_of_friction[k]) if truth is not None else centers[:, k]
         axes.plot(counts, unit[k] * course, style, color=ESTIMATE, label=label)
         if known:
-            axes.plot(counts, unit[k] * half[:, k], style, color=GREY, lw=1, label=f"{label}, at most with 90 %")
+            told = np.isfinite(half[:, k])
+            axes.plot(
+                np.array(counts)[told], unit[k] * half[told, k], style, color=GREY, lw=1, label=f"{label}, at most with 90 %"
+            )
         else:
-            low, high = (unit[k] * (centers[:, k] + sign * half[:, k]) for sign in (-1, 1))
-            axes.fill_between(counts, low, high, color=ESTIMATE, alpha=0.15, lw=0)
+            told = np.isfinite(half[:, k])
+            low, high = (unit[k] * (centers[told, k] + sign * half[told, k]) for sign in (-1, 1))
+            axes.fill_between(np.array(counts)[told], low, high, color=ESTIMATE, alpha=0.15, lw=0)
     if known:
         # linear below a hundredth of a percent: an error may be zero
         axes.set_yscale("symlog", linthresh=0.01)
@@ -305,7 +317,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
 
 
 def _half_extents(estimate: Estimate) -> Array:
-    """Half the sizes of the 90 % ellipse of p_CF along x and y (2,) [m]; NaN if the spread is unknown."""
-    if estimate.spread is None:
+    """Half the sizes of the 90 % ellipse of p_CF along x and y (2,) [m]; NaN if they are unknown."""
+    if estimate.belief is None or estimate.belief.covariance is None:
         return np.full(2, np.nan)
-    return np.sqrt(ELLIPSE * np.diag(estimate.spread.covariance))
+    return np.asarray(np.sqrt(ELLIPSE * np.diag(estimate.belief.covariance)))

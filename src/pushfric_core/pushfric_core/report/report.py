@@ -12,13 +12,12 @@ from pushfric_core.geometry.table_1 import TABLE_1
 
 
 def ensemble(estimate: Estimate) -> list[dict[str, Any]]:
-    """Weighted samples of w and mu_c for planners; none if the spread is unknown. mu_c is None if it is only bounded."""
-    if estimate.spread is None:
+    """Weighted samples of w and mu_c for planners; none without a belief."""
+    model = estimate.belief
+    if model is None:
         return []
-    weights = estimate.spread.samples
-    return [
-        {"w": w, "mu_c": mu_c, "weight": 1 / len(weights)} for w, mu_c in zip(weights, estimate.mu_c_of(weights), strict=True)
-    ]
+    samples = zip(model.w, model.mu_c.tolist(), model.share.tolist(), strict=True)
+    return [{"w": w, "mu_c": mu_c, "weight": weight} for w, mu_c, weight in samples]
 
 
 def recognition_report(ranking: Ranking) -> dict[str, Any]:

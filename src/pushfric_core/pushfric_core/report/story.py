@@ -100,7 +100,10 @@ class Story:
         if report is None:
             return self._without_data()
         told = with_histogram(report.to_dict(), report.friction)
-        kept = _rounded({key: told[key] for key in (*AFTER, "histogram") if key in told})
+        kept = {key: told[key] for key in (*AFTER, "histogram") if key in told}
+        if "middle" in told:
+            kept["middle"] = {"center_of_friction": told["middle"]["center_of_friction"]}
+        kept = _rounded(kept)
         _remember(self._after, report.stamp, kept)
         self._recent.append(report)
         change: Change = {"estimate": told}

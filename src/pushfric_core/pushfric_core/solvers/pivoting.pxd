@@ -4,18 +4,18 @@ import cython
 from libc cimport math
 from libc.stdint cimport int64_t
 
-cdef double inf, ZERO, LARGEST, PARALLEL, TIE, LEVEL, PERTURBATION, GOLDEN, SHORT, REACH, NO_STEP, COEFFICIENT, COST
-cdef int VIOLATION, FIT, ARRIVED, LED_OUT, ENDLESS, INEXACT, REFRESH, STALLED
+cdef double inf, ZERO, LARGEST, PARALLEL, TIE, LEVEL, GOLDEN, REACH, NO_STEP, COEFFICIENT, COST
+cdef int VIOLATION, FIT, REFRESH, STALLED
 
 
 cdef class State:
     cdef readonly object conditions
     cdef public Py_ssize_t count, updates
     cdef int64_t[::1] number, active, ahead, nonzero
-    cdef double[:, ::1] a, gradient, inverse, slopes, basis
+    cdef double[:, ::1] a, gradient, inverse, slopes
     cdef double[:, :, ::1] cost
     cdef double[::1] value, side, settled, x, dual
-    cdef double[::1] direction, place, moved, row, residual, rates, total, multipliers, correction, change, distance, speed
+    cdef double[::1] direction, place, moved, row, residual, total, multipliers, correction, change, distance, speed
 
 
 cdef class Ball:
@@ -102,40 +102,6 @@ cdef void swap(State state, Py_ssize_t p, Py_ssize_t q) noexcept
 cdef void exchange(State state, Py_ssize_t i, Py_ssize_t entering) noexcept
 
 cdef void perturb(State state, double shift) noexcept
-
-
-# ---- how far the objective leaves it free
-
-@cython.locals(
-    slopes=double[::1], rates=double[::1], direction=double[::1], change=double[::1], x=double[::1], f=double, best=double,
-    merit=double, steepness=double, upwards=double, step=double, speed=double, approach=double, distance=double,
-    edge=Py_ssize_t, candidate=Py_ssize_t, entering=Py_ssize_t, size=Py_ssize_t, k=int64_t, ahead=int64_t[::1], end=bint,
-    side=double[::1], value=double[::1], cost=double[:, :, ::1], inverse=double[:, ::1],
-)
-cdef int stretch(State state, Ball ball, double[::1] tilt, double level, Py_ssize_t limit, int weights) noexcept
-
-@cython.locals(
-    x=double[::1], basis=double[:, ::1], direction=double[::1], slope_along=double, rate_along=double, f=double, step=double,
-    rate=double, lower_bound=double, smallest=double,
-)
-cdef bint proven(State state, double[::1] tilt, double level, Py_ssize_t edge, int weights) noexcept
-
-@cython.locals(residual=double[::1], largest=double)
-cdef void solve_basis(State state, double[:, ::1] basis, Py_ssize_t i, double value, double[::1] solution) noexcept
-
-@cython.locals(reached=double, least=double)
-cdef double falls_short(double[::1] tilt, double[::1] x, int weights, double bound) noexcept
-
-@cython.locals(largest=double)
-cdef double greatest(double[::1] tilt, int weights) noexcept
-
-@cython.locals(walker=State, end=int)
-cpdef tuple stretch_each(
-    State state, Ball ball, double[:, ::1] tilts, double level, Py_ssize_t limit, double[:, ::1] found, Py_ssize_t first,
-    int weights
-)
-
-cdef void copy_vertex(State state, State walker)
 
 
 # ---- the certificate

@@ -25,14 +25,10 @@ import numpy as np
 
 from pushfric_core.geometry.planar import Array, Indices
 from pushfric_core.solvers.tableau import (
-    ARRIVED,
     COEFFICIENT,
     COST,
-    ENDLESS,
     FIT,
-    INEXACT,
     LARGEST,
-    LED_OUT,
     REFRESH,
     VIOLATION,
     ZERO,
@@ -52,14 +48,8 @@ LEVEL = 1e-9
 STALLED = 12
 """After this many exchanges without progress, a degenerate vertex is perturbed: its conditions are shifted apart."""
 
-PERTURBATION = 1e-10
-"""By about this, on the way to an extreme of the level set."""
-
 GOLDEN = (math.sqrt(5) - 1) / 2
 """Its multiples modulo 1 are as different from each other as can be, and the same on every run."""
-
-SHORT = 1e-9
-"""An extreme of the level set may fall short of its bound by this share of the range of the tilt: the rounding of bounds."""
 
 REACH = 2.0
 """Pivoting goes no farther than this many radii from the center of its ball.
@@ -69,7 +59,6 @@ is a good start for the next, and without bound in the corners of the simplex, w
 """
 
 NO_STEP = -1.0  # what `ratio_test` returns without one
-CHANGED = ("value", "side", "gradient", "active", "inverse", "x", "dual")  # conditions that a walk changes
 
 
 class State:
@@ -87,9 +76,9 @@ class State:
         self.gradient, self.active, self.inverse, self.x, self.dual = conditions[6:]
         n, room = len(conditions.x), len(conditions.value)
         # room for intermediate results
-        self.direction, self.place, self.moved, self.row, self.residual, self.rates = np.empty((6, n))
+        self.direction, self.place, self.moved, self.row, self.residual = np.empty((5, n))
         self.total, self.multipliers, self.correction = np.empty((3, n))
-        self.slopes, self.basis = np.empty((2, 2 * n)), np.empty((n, n))
+        self.slopes = np.empty((2, 2 * n))
         self.change, self.distance, self.speed = np.empty((3, room))
         self.ahead, self.nonzero = np.empty(room, np.int64), np.empty(n, np.int64)
 
@@ -530,215 +519,6 @@ def perturb(state: State, shift: float) -> None:
     for k in range(state.count):
         if state.side[k] * state.value[k] < shift:
             state.value[k] += state.side[k] * shift * (1.0 + k * GOLDEN % 1.0)
-
-
-# ---- how far the objective leaves it free
-
-
-def stretch(state: State, ball: Ball, tilt: Array, level: float, limit: int, weights: int) -> int:
-    """Walk from the optimum to the x of largest tilt . x among those with F(x) <= level: a parametric simplex method.
-
-    On the way F - lambda tilt . x is at its least, for a lambda that rises from 0. The last step ends where F is the level.
-
-    Args:
-        state: at the least F; it is used up.
-        tilt: (n,).
-        limit: of exchanges.
-        weights: number of columns, the first ones, that are weights.
-    Returns:
-        ARRIVED if `state.x` is proven to be that x; INEXACT if rounding prevents the proof; LED_OUT if the way there leads out
-        of the ball; ENDLESS if the limit was reached.
-    """
-    n = len(state.active)
-    slopes, rates, direction, change, x = state.slopes[FIT], state.rates, state.direction, state.change, state.x
-    side, value, cost, inverse, ahead = state.side, state.value, state.cost, state.inverse, state.ahead
-    f = 0.0
-    for j in range(n):
-        f += state.settled[j] * x[j]
-    for k in range(state.count):
-        f += value[k] * slope(state, FIT, k, value[k])
-    stalled = 0
-    for _ in range(limit):
-        price(state, FIT, slopes)
-        for i in range(n):
-            rates[i] = 0.0
-        for j in range(n):
-            if tilt[j] != 0:
-                for i in range(n):
-                    rates[i] += tilt[j] * inverse[j, i]
-        best, edge = inf, -1
-        for i in range(1, n):
-            if rates[i] > PARALLEL:
-                merit, candidate = slopes[i] / rates[i], i
-            elif rates[i] < -PARALLEL:
-                merit, candidate = slopes[n + i] / -rates[i], n + i
-            else:
-                continue
-            if merit < best:
-                best, edge = merit, candidate
-        if edge < 0:
-            if not holds(ball, x, 1.0):
-                return LED_OUT
-            return ARRIVED if falls_short(tilt, x, weights, greatest(tilt, weights)) <= SHORT else INEXACT
-        steepness = max(slopes[edge], 0.0)
-        i = edge % n
-        upwards = 1.0 if edge < n else -1.0
-        for j in range(n):
-            direction[j] = upwards * inverse[j, i]
-        evaluate(state, direction, change)
-        size = 0
-        for k in range(state.count):
-            ahead[size] = k
-            size += -side[k] * change[k] > PARALLEL  # no branch: the processor would guess wrongly half of the time
-        step, speed, entering = inf, 0.0, -1
-        for p in range(size):
-            k = ahead[p]
-            approach = -side[k] * change[k]
-            if cost[FIT, 0, k] + cost[FIT, 1, k] > 0:
-                distance = max(side[k] * value[k], 0.0) / approach
-                if distance < step - TIE or (distance <= step + TIE and approach > speed):
-                    step, speed, entering = distance, approach, k
-        end = steepness > 0 and f + steepness * step >= level
-        if end:
-            step = max(0.0, (level - f) / steepness)
-        if step == inf:
-            return LED_OUT
-        f += steepness * step
-        for j in range(n):
-            x[j] += step * direction[j]
-        if not holds(ball, x, 1.0):
-            return LED_OUT
-        if end:
-            return ARRIVED if proven(state, tilt, level, edge, weights) else INEXACT
-        for k in range(state.count):
-            value[k] += step * change[k]
-        put(state, state.active[i], upwards)
-        put(state, entering, 0.0)
-        value[entering] = 0.0
-        exchange(state, i, entering)
-        stalled = stalled + 1 if step < TIE else 0
-        if stalled == STALLED:
-            perturb(state, PERTURBATION)
-            stalled = 0
-    return ENDLESS
-
-
-def proven(state: State, tilt: Array, level: float, edge: int, weights: int) -> bool:
-    """Compute x, where an edge reaches the level, once more without the rounding of the walk; and whether it is proven that no
-    x with F(x) <= level has a larger tilt . x.
-
-    For any rate > 0 and any multipliers y in their box, tilt . x is at most (level - min_j (A' y - rate tilt)_j) / rate. The
-    bound is sharp at the rate at which the cost along the edge is level.
-    """
-    n, x = len(state.active), state.x
-    i = edge % n
-    basis, direction = state.basis, state.direction
-    for j in range(n):
-        for p in range(n):
-            basis[p, j] = state.a[j, state.active[p]]
-    solve_basis(state, basis, 0, 1.0, x)
-    solve_basis(state, basis, i, 1.0 if edge < n else -1.0, direction)
-    evaluate(state, x, state.value)
-    sum_gradients(state)
-    slope_along, rate_along, f = state.cost[FIT, 0 if edge < n else 1, state.active[i]], 0.0, 0.0
-    for j in range(n):
-        slope_along += state.gradient[FIT, j] * direction[j]
-        rate_along += tilt[j] * direction[j]
-        f += state.settled[j] * x[j]
-    for k in range(state.count):
-        f += state.value[k] * slope(state, FIT, k, state.value[k])
-    if not (slope_along > 0 and rate_along > 0):
-        return False
-    step, rate = max(0.0, (level - f) / slope_along), slope_along / rate_along
-    for j in range(n):
-        x[j] += step * direction[j]
-        state.gradient[FIT, j] -= rate * tilt[j]
-    evaluate(state, x, state.value)
-    f, lower_bound, smallest = bounds(state, weights)
-    if f > level + SHORT * abs(level) or smallest < -SHORT:
-        return False
-    return falls_short(tilt, x, weights, (level - lower_bound) / rate) <= SHORT
-
-
-def solve_basis(state: State, basis: Array, i: int, value: float, solution: Array) -> None:
-    """The x at which the i-th active condition has this value and the others zero, without the rounding of the inverse.
-
-    Args:
-        basis: (n, n) the normals of the active conditions.
-        solution: (n,) takes x.
-    """
-    n = len(solution)
-    for j in range(n):
-        solution[j] = value * state.inverse[j, i]
-    residual = state.residual
-    for _ in range(2):
-        largest = 0.0
-        for p in range(n):
-            residual[p] = value if p == i else 0.0
-            for j in range(n):
-                residual[p] -= basis[p, j] * solution[j]
-            largest = max(largest, abs(residual[p]))
-        if largest <= ZERO:
-            break
-        for j in range(n):
-            for p in range(n):
-                solution[j] += state.inverse[j, p] * residual[p]
-
-
-def falls_short(tilt: Array, x: Array, weights: int, bound: float) -> float:
-    """By how much tilt . x is below a bound, as a share of the range of the tilt over the weights."""
-    reached = 0.0
-    for j in range(len(x)):
-        reached += tilt[j] * x[j]
-    least: float = tilt[0]
-    for j in range(1, weights):
-        least = min(least, tilt[j])
-    return (bound - reached) / (greatest(tilt, weights) - least + TIE)
-
-
-def greatest(tilt: Array, weights: int) -> float:
-    """The largest component that belongs to a weight."""
-    largest: float = tilt[0]
-    for j in range(1, weights):
-        largest = max(largest, tilt[j])
-    return largest
-
-
-def stretch_each(
-    state: State, ball: Ball, tilts: Array, level: float, limit: int, found: Array, first: int, weights: int
-) -> tuple[int, int]:
-    """Walk along each of some tilts in turn, always from the same optimum, until a walk does not arrive.
-
-    Args:
-        state: at the least F; it stays as it is.
-        tilts: (k, n).
-        found: (k, n) takes the x of each walk that arrived.
-        first: the tilt to begin with.
-        weights: number of columns, the first ones, that are weights.
-    Returns:
-        The number of the tilt whose walk did not arrive, k if all did; and how the last walk ended.
-    """
-    conditions = state.conditions
-    walker = State(conditions._replace(**{name: getattr(conditions, name).copy() for name in CHANGED}), state.count)
-    for t in range(first, len(tilts)):
-        copy_vertex(state, walker)
-        end = stretch(walker, ball, tilts[t], level, limit, weights)
-        if end != ARRIVED:
-            return t, end
-        for j in range(len(walker.x)):
-            found[t, j] = walker.x[j]
-    return len(tilts), ARRIVED
-
-
-def copy_vertex(state: State, walker: State) -> None:
-    """Put a walker, which shares the conditions themselves, where the state is."""
-    walker.count, walker.updates = state.count, state.updates
-    walker.value[:] = state.value
-    walker.side[:] = state.side
-    walker.gradient[:] = state.gradient
-    walker.active[:] = state.active
-    walker.inverse[:] = state.inverse
-    walker.x[:] = state.x
 
 
 # ---- the certificate

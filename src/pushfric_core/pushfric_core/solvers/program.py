@@ -9,10 +9,9 @@ bound, and any w in the simplex with any s >= 0 an upper one (Lynch 1993, sectio
 """
 
 from enum import Enum, StrEnum
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from pushfric_core.geometry.planar import Array
 from pushfric_core.program.constraint_rows import ConstraintRows
@@ -136,23 +135,6 @@ class Program(Protocol):
 
     def conflicts(self) -> list[int]:
         """The groups whose hard rows contradict each other; none unless the last optimum is infeasible."""
-
-
-@runtime_checkable
-class LevelSets(Program, Protocol):
-    """A program that gives not only its optimum, but also how far the objective leaves w free."""
-
-    def extremes(self, tilts: Array, rise: float, /) -> Array | None:
-        """For each tilt (k, n), the w of the largest tilt . w that raises F by at most `rise`: (k, n); None if not found."""
-
-    def rows(self) -> ConstraintRows:
-        """The present rows, in order of arrival."""
-
-    def row_groups(self) -> npt.NDArray[np.int64]:
-        """The group of each present row."""
-
-    def certificate(self) -> "Solution":
-        """The last optimum with its multipliers, judged from scratch."""
 
 
 @comparable

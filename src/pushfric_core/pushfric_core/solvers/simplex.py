@@ -10,7 +10,6 @@ nested, the more of them the more rows there are. The smallest is sorted often, 
 leaves unsettled, and so on. So all rows are looked at seldom: the cost of an observation does not grow with their number.
 """
 
-import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -26,14 +25,14 @@ from pushfric_core.solvers.program import (
     NOISELESS,
     RELATIVE_GAP,
     Groups,
-    LevelSets,
     Optimum,
+    Program,
     Solution,
     Status,
     certify,
     finite,
 )
-from pushfric_core.solvers.tableau import COEFFICIENT, COST, INEXACT, LARGEST, LED_OUT, REFRESH, ZERO, Rows, empty_rows
+from pushfric_core.solvers.tableau import COEFFICIENT, COST, LARGEST, REFRESH, ZERO, Rows, empty_rows
 from pushfric_core.solvers.tie_break import nearest_uniform
 
 OWN_GAP = RELATIVE_GAP / 2
@@ -72,17 +71,6 @@ BLOCK = 512
 """Norms are computed for this many rows at a time, because the product for all of them would double the memory."""
 
 
-SHORTEST_CAP = 400
-"""Cap on the exchanges from the optimum to an extreme of the level set, besides one for each unsettled row. About a tenth of
-the unsettled rows are usual, and their number grows with the square root of that of all rows.
-"""
-
-CHORDS = 100
-"""Cap on the programs that are solved for one extreme where rounding has spoilt the walk; about ten are usual."""
-
-WIDENINGS = 8
-"""Largest number of times that the balls are doubled for such a walk."""
-
 STEEP = 1e-9
 """An edge along which F rises by less than this fraction of its gradient counts as level."""
 
@@ -99,7 +87,7 @@ class _Shell(NamedTuple):
     gradient: Array  # of F, of the rows that this ball settles and no larger one; changed in place where they are removed
 
 
-class Simplex(LevelSets):
+class Simplex(Program):
     """Minimises F over the weights of n support points, and the scale if there is one, while rows are added and removed.
 
     Args:
@@ -195,107 +183,6 @@ class Simplex(LevelSets):
         if certificate.status is not Status.OPTIMAL:
             return optimum
         return nearest_uniform(self.rows(), certificate).optimum
-
-    def extremes(self, tilts: Array, rise: float) -> Array | None:
-        """For each tilt, the w of the largest tilt . w among those with F(w) <= the least F + rise; exact.
-
-        Args:
-            tilts: (k, n).
-            rise: of F, >= 0.
-        Returns:
-            (k, n) weights; None if the hard rows contradict each other, or rounding keeps a walk from its end.
-        """
-        optimum = self.solve()
-        if optimum.status is not Status.OPTIMAL:
-            return None
-        level = optimum.objective + rise
-        padded, found = np.zeros((2, len(tilts), self._columns))
-        padded[:, : self._n] = tilts
-        program, effort = self, 0
-        arrived, end = self._stretch(padded, level, found, 0)
-        while arrived < len(tilts):
-            if end == INEXACT:
-                extreme = self._extreme(padded[arrived], level)
-                if extreme is None:
-                    return None
-                found[arrived] = extreme
-                arrived += 1
-            elif end != LED_OUT or effort == WIDENINGS:
-                return None
-            else:
-                effort += 1
-                if program is self:
-                    program = self._clone()  # nobody can see from later solutions whether extremes were asked for
-                program._sort(effort)  # more rows may change sides
-            arrived, end = program._stretch(padded, level, found, arrived)
-        found = np.maximum(found[:, : self._n], 0.0)
-        return np.asarray(found / found.sum(axis=1, keepdims=True))
-
-    def _extreme(self, tilt: Array, level: float) -> Array | None:
-        """The x (columns,) of the largest tilt . x among those with F(x) <= level, certified; None if it is not found.
-
-        This takes longer than a walk, but rounding does not add up on its way: each step is a program of its own, with the row
-        a = max tilt - tilt at another cost. The higher the cost, the smaller a . x and the larger F, from vertex to vertex. The
-        answer lies between the two vertices whose F are next to the level. The chord through them gives the cost at which
-        to look between them.
-        """
-        program = copy.deepcopy(self)
-        row = np.zeros((1, self._columns))
-        row[0, : self._n] = tilt[: self._n].max() - tilt[: self._n]
-
-        def vertex(cost: float) -> tuple[float, float, Array] | None:
-            """F, a . x and x of the optimum at this cost of the row."""
-            group = program._groups.next
-            program.add(ConstraintRows(row, np.full(1, cost), np.zeros(1)))
-            optimum = program.solve()
-            program.remove(group)
-            x = np.append(optimum.w, np.full(self._columns - self._n, optimum.scale))
-            left = float(row[0] @ x)
-            return None if optimum.status is not Status.OPTIMAL else (optimum.objective - cost * left, left, x)
-
-        below, above = vertex(0.0), None
-        if below is None:
-            return None
-        cost = (level - below[0]) / below[1] if below[1] > 0 else 0.0
-        for _ in range(CHORDS):
-            if not below[1] > 0:  # nothing is farther along the tilt
-                return below[2]
-            reached = vertex(cost)
-            if reached is None:
-                return None
-            if above is not None and reached[0] + cost * reached[1] >= (below[0] + cost * below[1]) * (1 - RELATIVE_GAP):
-                share = (level - below[0]) / (above[0] - below[0])
-                return np.asarray(below[2] + share * (above[2] - below[2]))
-            if reached[0] > level:
-                above = reached
-            else:
-                below = reached
-            if above is None:
-                if cost * below[1] > self._worst / RELATIVE_GAP:  # hard rows allow nothing farther along the tilt
-                    return below[2]
-                cost *= 8
-            elif below[1] > above[1]:
-                cost = (above[0] - below[0]) / (below[1] - above[1])
-            else:
-                return below[2]
-        return None
-
-    def _stretch(self, tilts: Array, level: float, found: Array, first: int) -> tuple[int, int]:
-        """As `pivoting.stretch_each`, within the present ball."""
-        state = self._basis.state
-        limit = SHORTEST_CAP + state.count
-        return pivoting.stretch_each(state, self._close, tilts, level, limit, found, first, self._n)
-
-    def _clone(self) -> "Simplex":
-        """The same program, to be sorted in another way; what they share, the rows, sorting leaves as it is."""
-        clone = copy.copy(self)
-        clone._basis, clone._shells = copy.deepcopy(self._basis), list(self._shells)
-        clone._removed = 0  # it does not compact the rows
-        return clone
-
-    def row_groups(self) -> Indices:
-        rows = self._rows.part(slice(self._count))
-        return rows.group[rows.scale > 0]
 
     def multipliers(self) -> Array:
         """The dual y of the last optimum, one per present row in order of arrival; O(M)."""

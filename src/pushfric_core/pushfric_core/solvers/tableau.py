@@ -21,7 +21,6 @@ LARGEST = 1e150
 """No coefficient and no finite cost is larger; a row whose coefficients are all smaller than its inverse is one of zeros."""
 
 VIOLATION, FIT = 0, 1  # the two costs, in lexicographic order
-ARRIVED, LED_OUT, ENDLESS, INEXACT = 0, 1, 2, 3  # how a walk to an extreme of the level set ends
 COEFFICIENT, COST = -1.0, -2.0  # what `pivoting.store` finds wrong
 
 

@@ -1,1 +1,1 @@
-"""How certain an estimate is: the confidence ellipse, the interval of mu_c, outliers, and the geometry check."""
+"""Doubts about the data: outliers, changes of the object, likely mistakes, too little variety; and lower bounds on mu_c."""

@@ -116,6 +116,16 @@ class Change(NamedTuple):
     shift: tuple[float, float]  # of p_CF [m]
 
 
+EXACT = 1000
+"""Up to this many observations, bad pushes are looked for after each; then after every second, third, ..., so that the mean
+cost does not grow."""
+
+
+def is_due(count: int, held: int) -> bool:
+    """Whether what rests on the first `held` of `count` observations must be computed again (see EXACT)."""
+    return not 0 <= count - held <= count // EXACT
+
+
 class OutlierRejection:
     """Looks at the observations of one object, push by push.
 

@@ -38,6 +38,7 @@ from pushfric_ros.graph import graph
 from pushfric_ros.graph.scratch import scratch_folder
 from pushfric_ros.graph.supervisor import Ended
 from pushfric_ros.messages.conversions import report_from_msg
+from pushfric_ros.messages.markers import center_of_friction_from
 
 if TYPE_CHECKING:
     from pushfric_core.offline.estimation import Estimation
@@ -155,7 +156,7 @@ def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
     """The last estimate next to the truth of a simulated object."""
     known = TABLE_1[name]
     size, true = known.outline.size, known.support.center_of_friction
-    center = (msg.center_of_friction.x, msg.center_of_friction.y)
+    center = center_of_friction_from(msg)
     table = Table(title=f"{name}: {data_of(msg.data_points, msg.pushes)}", title_justify="left", box=None)
     for column in ("", "estimate", "truth", "error"):
         table.add_column(column, justify="right" if column else "left")

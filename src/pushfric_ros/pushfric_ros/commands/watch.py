@@ -219,9 +219,11 @@ class Monitor:
     @property
     def complete(self) -> int:
         """Number of observations that the whole estimate rests on; -1 if there is no estimate, or a part rests on fewer."""
-        if self.estimate is None or sum(self.estimate.contact_friction.histogram) != self.estimate.data_points:
+        estimate = self.estimate
+        if estimate is None:
             return -1
-        return self.estimate.data_points
+        whole = sum(estimate.contact_friction.histogram) == estimate.spread.data_points == estimate.data_points
+        return estimate.data_points if whole else -1
 
     def settled(self) -> bool:
         """Whether the estimator has processed everything that was seen until the plan was finished."""

@@ -24,7 +24,7 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.frames import OBJECT
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose
-from pushfric_core.mechanics.prediction import FrictionModel, MotionCone, Predictions, Stability
+from pushfric_core.mechanics.prediction import FrictionModel, Kind, MotionCone, MuC, Predictions, Stability
 from pushfric_core.mechanics.simulation import ContactMode
 from pushfric_core.mechanics.strokes import Strokes
 from pushfric_core.mechanics.surface_models import (
@@ -37,7 +37,7 @@ from pushfric_core.mechanics.surface_models import (
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import UNIT, Observation
-from pushfric_core.uncertainty.contact_friction import Kind, MuC, Slip
+from pushfric_core.uncertainty.contact_friction import Slip
 from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_msgs.msg import (
@@ -146,13 +146,14 @@ def estimate_to_msg(report: EstimateReport) -> FrictionEstimate:
     )
     msg.center_of_friction = _point(report.center_of_friction)
     msg.objective, msg.lower_bound, msg.gap = report.objective, report.lower_bound, report.gap
-    msg.confidence, msg.spread, msg.change = _number(report.confidence), _spread(report.spread), _change(report.change)
+    msg.confidence, msg.change = _number(report.confidence), _change(report.change)
+    msg.spread = _spread(report.spread, report.support_points, report.believed)
     msg.reasons, msg.notes = _reasons(report.reasons), _reasons(report.notes)
     msg.rejected = [RejectedPush(push_id=one.push_id, reason=_reason(one.reason)) for one in report.rejected]
     friction, mu_c = report.friction, report.friction.mu_c
     kind, value, low, high = 4 * (None,) if mu_c is None else (mu_c.kind, mu_c.value, mu_c.low, mu_c.high)
     msg.contact_friction = ContactFriction(
-        header=msg.header if friction.data_points == report.data_points else Header(),
+        header=msg.header if friction.data_points == report.believed == report.data_points else Header(),
         object=report.object_name,
         kind=KIND_TO_MSG[kind],
         value=_number(value),
@@ -196,11 +197,9 @@ def report_from_msg(msg: FrictionEstimate) -> EstimateReport:
             SLIP_FROM_MSG[friction.slip],
             None if kind is None else MuC(_known(friction.value), friction.low, friction.high, kind),
         ),
+        believed=spread.data_points,
         spread=SpreadReport(
-            np.array(spread.covariance).reshape(2, 2),
-            np.array(spread.middle),
-            np.column_stack((spread.low, spread.high)),
-            spread.data_points,
+            np.array(spread.covariance).reshape(2, 2), np.array(spread.middle), np.column_stack((spread.low, spread.high))
         )
         if len(spread.middle)
         else None,
@@ -223,7 +222,7 @@ def nothing_known(object_name: str) -> FrictionEstimate:
     mu_c = dict.fromkeys(("value", "low", "high", "p90", "max"), math.nan)
     msg.contact_friction = ContactFriction(header=msg.header, object=object_name, **mu_c)
     msg.objective = msg.lower_bound = msg.gap = msg.confidence = math.nan
-    msg.spread, msg.change = _spread(None), _change(None)
+    msg.spread, msg.change = _spread(None, np.empty((0, 2)), 0), _change(None)
     return msg
 
 
@@ -285,9 +284,9 @@ def friction_model_to_msg(
     if model is not None:
         msg.support_points = [_point(point) for point in model.support_points]
         msg.w, msg.mu_c, msg.weights, msg.misfit = model.w.ravel(), model.mu_c, model.share, model.misfit
-        msg.center_of_friction, msg.total_friction = _point(estimate.center_of_friction), _number(estimate.total_friction)
-        if estimate.spread is not None:
-            msg.covariance = estimate.spread.covariance.ravel()
+        msg.center_of_friction, msg.total_friction = _point(model.center_of_friction), _number(estimate.total_friction)
+        if model.covariance is not None:
+            msg.covariance = model.covariance.ravel()
     return msg
 
 
@@ -301,7 +300,9 @@ def friction_model_from_msg(msg: FrictionModelMsg) -> tuple[FrictionModel, Outli
     points = np.array([(point.x, point.y) for point in msg.support_points]).reshape(-1, 2)
     if len(w) != len(points) * len(mu_c):
         raise ValueError(f"w must have {len(mu_c)} x {len(points)} numbers, got {len(w)}")
-    model = FrictionModel(points, w.reshape(-1, len(points)), mu_c, np.array(msg.weights), msg.misfit)
+    covariance = np.array(msg.covariance).reshape(2, 2)
+    known = covariance if np.isfinite(covariance).all() else None
+    model = FrictionModel(points, w.reshape(-1, len(points)), mu_c, np.array(msg.weights), msg.misfit, known)
     return model, Outline(np.array([(corner.x, corner.y) for corner in msg.outline]))
 
 
@@ -472,12 +473,17 @@ def _known(number: float) -> float | None:
     return None if math.isnan(number) else number
 
 
-def _spread(spread: SpreadReport | None) -> Spread:
+def _spread(spread: SpreadReport | None, points: np.ndarray, believed: int) -> Spread:
     if spread is None:
-        return Spread(covariance=np.full(4, math.nan))
+        return Spread(covariance=np.full(4, math.nan), center_of_friction=_point(NOWHERE), data_points=believed)
     low, high = spread.intervals.T
     return Spread(
-        covariance=spread.covariance.ravel(), middle=spread.middle, low=low, high=high, data_points=spread.data_points
+        center_of_friction=_point(spread.middle @ points),
+        covariance=spread.covariance.ravel(),
+        middle=spread.middle,
+        low=low,
+        high=high,
+        data_points=believed,
     )
 
 

@@ -33,6 +33,13 @@ LINE, DOT, SYMBOL, TEXT = 0.008, 0.01, 0.06, 0.08  # sizes as fractions of the o
 CIRCLE = 36  # number of corners of a circle
 
 
+def center_of_friction_from(estimate: FrictionEstimate) -> tuple[float, float]:
+    """The belief's p_CF [m]; that of the program as long as nothing is believed."""
+    believed = not math.isnan(estimate.confidence)
+    point = estimate.spread.center_of_friction if believed else estimate.center_of_friction
+    return point.x, point.y
+
+
 def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Observation) -> MarkerArray:
     """The object with everything known about its friction, in the object frame; it replaces all markers published before.
 
@@ -47,7 +54,7 @@ def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Ob
     """
     size = float(np.hypot(*outline.size))
     points = np.array([(point.x, point.y) for point in estimate.support_friction.support_points])
-    center = (estimate.center_of_friction.x, estimate.center_of_friction.y)
+    center = center_of_friction_from(estimate)
     friction = estimate.contact_friction
     contact, normal = np.asarray(newest.contact_point), np.asarray(newest.contact_normal)
     reach = 2 * SYMBOL * size

@@ -278,6 +278,7 @@ class ExperimentNode(Node):
 
         def missing() -> str | None:
             known = self._region is not None and stamp_from_msg(self._region.header.stamp) == self._newest
+            known = known and (index < BEFORE_SLIPS or stamp_from_msg(self._mu_c.header.stamp) == self._newest)
             if known and self._settled >= self._pushed:
                 return None
             return self._foreign_clock() or "the region of p_CF"

@@ -5,6 +5,9 @@ const CHI2_90 = 4.605; // the 90 % ellipse: x' C^-1 x <= this
 
 export const number = (value) => (value === "inf" ? Infinity : typeof value === "number" ? value : NaN);
 
+// The belief's p_CF; that of the program as long as nothing is believed
+export const believed = (estimate) => estimate?.middle?.center_of_friction ?? estimate?.center_of_friction;
+
 export function made(tag, attributes, text) {
   const element = document.createElementNS(SVG, tag);
   for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
@@ -48,7 +51,7 @@ export function drawObject(svg, outline, estimate, pinned, moments, last) {
   }
   parts.push(made("g", { class: "pusher" }));
   for (const [shown, kind] of [[pinned, " pinned"], [estimate, ""]]) {
-    const center = shown?.center_of_friction.map(number);
+    const center = believed(shown)?.map(number);
     if (!center?.every(Number.isFinite)) continue;
     const [u, v] = to(center), spread = shown.center_of_friction_covariance;
     if (spread) parts.push(drawnEllipse(spread, u, v, scale, kind));

@@ -1,5 +1,5 @@
 // Shows a run: live, told first as a whole and then in changes; or one that is over, whose story is in the page.
-import { drawFriction, drawMap, drawObject, drawPrediction, drawPusher, inWords, number, wayToPlace } from "./drawings.js";
+import { believed, drawFriction, drawMap, drawObject, drawPrediction, drawPusher, inWords, number, wayToPlace } from "./drawings.js";
 import { drawCursors, drawLine } from "./line.js";
 import { Run } from "./run.js";
 
@@ -238,8 +238,8 @@ function drawComparison(compared, moment) {
   at("shown_name").textContent = short(moment);
   const offNow = moment ?? run.moments.at(-1);
   const rows = [
-    ["p_CF x [mm]", 2, (estimate) => 1e3 * number(estimate?.center_of_friction[0])],
-    ["p_CF y [mm]", 2, (estimate) => 1e3 * number(estimate?.center_of_friction[1])],
+    ["p_CF x [mm]", 2, (estimate) => 1e3 * number(believed(estimate)?.[0])],
+    ["p_CF y [mm]", 2, (estimate) => 1e3 * number(believed(estimate)?.[1])],
     ["p_CF within [mm]", 2, (estimate) => 1e3 * number(estimate?.confidence)],
     ["μ_c", 3, (estimate) => number(estimate?.mu_c.value ?? estimate?.mu_c.p90)],
     ["fit error / point [mm]", 3, (estimate) => (1e3 * number(estimate?.objective)) / estimate?.data_points],
@@ -269,7 +269,7 @@ function leap(way) {
 }
 
 function drawNumbers(estimate) {
-  const [x, y] = estimate?.center_of_friction ?? [];
+  const [x, y] = believed(estimate) ?? [];
   unit("center", estimate ? `${mm(x)}, ${mm(y)}` : "–", "mm");
   at("confidence").textContent = known(estimate?.confidence) ? `off by at most ${mm(estimate.confidence)} mm, with 90 %` : "";
   const mu = estimate?.mu_c;
@@ -375,7 +375,7 @@ function drawTable() {
       lines.set(row.push, line);
     }
     const { after } = row, [verdict, bad] = judged(row);
-    const texts = [run.numberOf(row.push), row.moments.length, mm(after?.center_of_friction[0]), mm(after?.center_of_friction[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
+    const texts = [run.numberOf(row.push), row.moments.length, mm(believed(after)?.[0]), mm(believed(after)?.[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
     texts.forEach((text, column) => { if (line.cells[column].textContent !== String(text)) line.cells[column].textContent = text; });
     line.cells[6].className = bad ? "bad" : "";
     const out = row.excluded || Boolean(rejectionOf(row)), button = line.lastChild.firstChild;

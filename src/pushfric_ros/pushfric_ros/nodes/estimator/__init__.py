@@ -3,6 +3,7 @@
 import dataclasses
 import pathlib
 from collections import Counter
+from collections.abc import Generator
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
@@ -119,6 +120,8 @@ class EstimatorNode(Node):
         self.create_service(SelectPush, "~/keep_push", self._on_keep_push)
         self._before: Estimate | None = None  # the estimate a moment ago
         self._lasted: Estimate | None = None  # the last estimate that had not changed for a while
+        self._settling: Generator[None, None, None] | None = None  # what is published at rest, in steps
+        self._more = self.create_guard_condition(self._settle_on)
         self.create_timer(QUIET, self._at_rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
         # time that runs backwards means another run of the cell or a bag, whose data must not be mixed with earlier data
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
@@ -279,8 +282,6 @@ class EstimatorNode(Node):
             self._tell(observation)
             if used:
                 self._follow_up(observation)
-        if self._resumption is None and observations:
-            self._model_publication.keep_up(self._verdict)
 
     def _follow_up(self, observation: Observation) -> None:
         """Publish what planners do not wait for, after the estimate with a new observation."""
@@ -403,14 +404,33 @@ class EstimatorNode(Node):
         if not lasts or self._lasted is estimate:
             return
         self._lasted = estimate
+        self._settling = self._settle()
+        self._settle_on()
+
+    def _settle(self) -> Generator[None, None, None]:
+        """Publish what rests on all observations; pauses after each step."""
         complete = self._publications.complete
         if not complete or not self._online.compared:
             self._online.settle()
             self._before = self._lasted = self._online.estimate
+            if self._lasted is not None:
+                yield from self._lasted.believing()
             said = self._verdict
             if self._judge() != said or not complete:
                 self._publications.estimate(self._verdict)
         self._model_publication.publish(self._verdict)
+
+    def _settle_on(self) -> None:
+        """Do a step of it, unless the estimate has changed meanwhile; messages that have come get their turn in between."""
+        if self._settling is None or self._online.estimate is not self._lasted:
+            self._settling = None
+            return
+        try:
+            next(self._settling)
+        except StopIteration:
+            self._settling = None
+        else:
+            self._more.trigger()
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")

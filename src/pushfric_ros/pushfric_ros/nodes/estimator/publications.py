@@ -1,7 +1,5 @@
 """The estimator node's publications: each is latched, so that a late subscriber gets the last one."""
 
-import math
-import time
 from collections.abc import Collection
 
 from geometry_msgs.msg import PointStamped
@@ -12,8 +10,8 @@ from pushfric_core.estimation.estimate_report import EstimateReport, FrictionRep
 from pushfric_core.estimation.online_estimation import OnlineEstimation
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.object_file import ObjectModel
-from pushfric_core.mechanics.prediction import friction_model
-from pushfric_core.uncertainty.spread import is_due
+from pushfric_core.mechanics.prediction import FrictionModel as Belief
+from pushfric_core.uncertainty.outlier_rejection import is_due
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
@@ -33,10 +31,6 @@ from pushfric_ros.messages.conversions import (
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.qos import LATCHED
-
-MODEL_SHARE = 0.1
-"""While observations come, making models takes at most this share of the wall time: it takes longer than an estimate, and must
-not delay the next ones, however slow the machine is."""
 
 
 class Publications:
@@ -61,6 +55,8 @@ class Publications:
         """Publish the estimation of this object from now on; nothing is published yet."""
         self._object, self._online = model, online
         self._mu_c: FrictionReport | None = None  # what was last said of mu_c
+        self._belief: Belief | None = None  # of the last estimate that was at rest
+        self._believed = 0  # number of observations that it rests on
         self._region = CenterOfFrictionRegion()
         self._undrawn: FrictionEstimate | None = None  # published, but not drawn yet
 
@@ -70,8 +66,7 @@ class Publications:
         estimate = self._online.estimate
         if self._mu_c is None or estimate is None:
             return True
-        held = {self._mu_c.data_points} if estimate.spread is None else {self._mu_c.data_points, estimate.spread.data_points}
-        return held == {estimate.data_points}
+        return self._mu_c.data_points == self._believed == estimate.data_points
 
     def everything(self, verdict: Verdict) -> None:
         """Publish all that is known."""
@@ -90,12 +85,15 @@ class Publications:
         """
         estimate = self._online.estimate
         assert estimate is not None
-        friction = self._mu_c
+        if at_rest:
+            self._belief, self._believed = estimate.belief, estimate.data_points
+        belief, friction = self._belief, self._mu_c
         if friction is None or at_rest or is_due(estimate.data_points, friction.data_points):
             observations = self._online.observations if self._slipping else ()
             slips = [observation.push_id in self._slipping for observation in observations]
-            friction = self._mu_c = FrictionReport.of(estimate, slips)
-        msg = estimate_to_msg(EstimateReport.of(estimate, self._object.name, verdict=verdict, friction=friction))
+            friction = self._mu_c = FrictionReport.of(estimate, None if belief is None else belief.known_mu_c, slips)
+        report = EstimateReport.of(estimate, self._object.name, belief, (), verdict, friction, self._believed)
+        msg = estimate_to_msg(report)
         self._estimate_out.publish(msg)
         # w, p_CF and mu_c have no status of their own
         self._parts(msg if self._online.usable else nothing_known(self._object.name))
@@ -152,25 +150,17 @@ class ModelPublication:
 
     def __init__(self, topics: Diagnostics) -> None:
         self._out = topics.advertise(FrictionModel, MODEL_TOPIC, LATCHED)
-        self._due = -math.inf  # the next one, while observations come; by the steady clock [s]
 
     def begin(self, model: ObjectModel, online: OnlineEstimation) -> None:
         """Publish the models of this object from now on; nothing is published yet."""
         self._object, self._online = model, online
         self._published: Estimate | None = None
 
-    def keep_up(self, verdict: Verdict) -> None:
-        """Publish the model while observations come, if a planner listens and not too much time goes into models."""
-        if self._out.get_subscription_count() and time.monotonic() >= self._due:
-            self.publish(verdict)
-
     def publish(self, verdict: Verdict) -> None:
         """Publish the model of the estimate on which this is the verdict, unless that has been done."""
         estimate = self._online.estimate
         if estimate is not None and estimate is self._published:
             return
-        begin = time.monotonic()
-        model = friction_model(estimate) if estimate is not None and self._online.usable else None
+        model = estimate.belief if estimate is not None and self._online.usable else None
         self._out.publish(friction_model_to_msg(self._object.name, self._object.outline, estimate, model, verdict))
         self._published = estimate
-        self._due = time.monotonic() + (time.monotonic() - begin) / MODEL_SHARE

@@ -1,0 +1,1 @@
+"""The belief about an object's friction, with its uncertainty: one likelihood, of whole pushes."""

@@ -1,0 +1,66 @@
+"""Every number of the belief that was chosen, each with its unit, its meaning and what it was found on."""
+
+NU = 4.0
+"""Degrees of freedom of the Student distribution of a stretch: usual for robust regression (Lange, Little and Taylor, 1989)."""
+
+SMOOTH, ORDER = 1.0, 3
+"""Standard deviation of the log pressure's lowest cosines over the support, those of higher order the less; and their highest
+order."""
+
+WHITES = (0.7, 2.0)
+"""Standard deviations of each support point's own log pressure: an area, or feet. The one chosen
+foretells each sector of the contacts better from the others."""
+
+MU_C, MU_C_SPREAD = 0.3, 0.6
+"""Median of mu_c before any push, and standard deviation of its logarithm: 90 of 100 pairs of materials lie in .11 to .8."""
+
+VARIES = 0.1
+"""Standard deviation of the logarithm of mu_c from push to push: no contact is the same as the last. Without it, a single push
+that just begins to slide would fix mu_c."""
+
+REACH = 0.55
+"""A support nearer to the centre of rotation than this share of the rms arm pushes partly in an unknown direction, as in the
+program."""
+
+ROUNDED = 0.03
+"""Slopes see the corner of Coulomb's law rounded by this share of the rms arm times the turn."""
+
+LEAST_SCALE = 1e-3
+"""Least scale of the errors, as a share of the median length of a stretch: a fit of few stretches may be exact by chance."""
+
+FORCE_SPREAD = 0.15
+"""Standard deviation of the logarithm of a measured ratio of shear to normal force while the tip slides."""
+
+SURELY_SLID = 0.2
+"""A tip slid if its slip exceeds this share of its way."""
+
+LEAST_RATIO = 0.01
+"""No friction is smaller than this."""
+
+OPEN = 2.0
+"""mu_c is only bounded if the largest on the grid is at most e to this times less likely than the likeliest."""
+
+LONGEST_STRETCH = 0.5
+"""A push is cut into stretches about this long, as a share of the support's size."""
+
+USUAL_WAY = 0.1
+"""Median way of observations whose unit of time is not known, as a share of the support's size."""
+
+MOST_STRETCHES = 150
+"""... of which at most so many are used: friction's misfit is shared by pushes alike, so that more of them hardly help."""
+
+SECTORS = 8
+"""Groups of contacts by bearing, whose errors are taken for independent of each other's."""
+
+WIDER = 1.5
+"""Factor on the variance between sectors, chosen on simulated plates and feet after four to eight pushes: it rests on few."""
+
+FLOOR = 0.001
+"""Standard deviation of p_CF that no number of pushes takes away, as a share of the support's size: outline and camera."""
+
+COMMON = 0.9
+"""... and as a share of the rms arm times the scale of the errors per length: friction's departure from its model that all
+pushes have in common. It was chosen on the triangle and the steel plates of docs/public_data.md, with the tables in view."""
+
+PAIRS = 16
+"""Half the number of samples; each has its mirror image about the mean."""

@@ -1,0 +1,241 @@
+"""The most probable pressure and mu_c, by Gauss-Newton.
+
+The logarithm of the pressure at the support points is normal before any push, smooth over the support but for an own part of
+each point (`constants`); w is its softmax. log mu_c is normal, too. The parameters are both, whitened: before any push they are
+independent and of unit variance. The errors of a stretch are of a Student distribution, whose scale is fitted as well.
+"""
+
+import math
+from collections.abc import Generator
+from typing import NamedTuple
+
+import numpy as np
+
+from pushfric_core.belief.constants import (
+    FORCE_SPREAD,
+    LEAST_SCALE,
+    MU_C,
+    MU_C_SPREAD,
+    NU,
+    ORDER,
+    SMOOTH,
+    VARIES,
+)
+from pushfric_core.belief.linearisation import Linearised, Place, errors, linearised
+from pushfric_core.belief.stretches import Stretches
+from pushfric_core.geometry.planar import Array
+
+STEPS = 10
+"""At most so many steps of Gauss-Newton; five are usual."""
+
+CONVERGED = 0.02
+"""A step below this is the last, in standard deviations of what was believed before."""
+
+LONGEST_STEP = 1.5
+"""No logarithm of a pressure or of mu_c changes by more in one step."""
+
+HALVINGS = 5
+"""A step is halved at most so often, and given up then."""
+
+STEP = 0.05
+"""Step of log mu_c for the slope along it: long enough to see a push begin to slide."""
+
+ROUNDS = 3
+"""Rounds in which the scale and the weights of the stretches are found in turns."""
+
+
+class Problem(NamedTuple):
+    """The pushes, and how they are compared with a friction."""
+
+    place: Place
+    data: Stretches
+    root: Array  # (n, n) a root of the covariance of the log pressure before any push
+    share: Array  # (k,) variance of each stretch's errors as a share of the squared scale
+    freedom: Array  # (k,) dimensions of its errors: without a tip, only the turn about the contact is one
+
+    def w(self, parameters: Array) -> Array:
+        """The support friction distribution (n,) of parameters (n + 1,)."""
+        return softmax(self.root @ parameters[:-1])
+
+
+class Fit(NamedTuple):
+    """A mode, with the errors of k stretches and f measured forces about it."""
+
+    parameters: Array  # (n + 1,)
+    scale: float  # [m]
+    roots: Array  # (k, 3, 3) of the errors' covariances
+    off: Array  # (3k + f,) errors, of unit variance
+    slopes: Array  # (3k + f, n + 1) of these
+    weights: Array  # (3k + f,): small for outliers
+    evidence: float
+
+
+def log_mu_c(parameters: Array) -> float:
+    """That of parameters (n + 1,)."""
+    return math.log(MU_C) + MU_C_SPREAD * float(parameters[-1])
+
+
+def problem_of(points: Array, data: Stretches, white: float) -> Problem:
+    """The problem of finding w over points (n, 2), each with an own log pressure of this standard deviation."""
+    middle = points.mean(axis=0)
+    arm = math.sqrt(float(np.mean(np.sum((points - middle) ** 2, axis=1)))) or 1.0
+    modes = SMOOTH * cosines(points)
+    root = root_of(modes @ modes.T + white**2 * np.eye(len(points)))
+    share = (1 + (data.lengths / np.median(data.lengths)) ** 2) / 2
+    stuck = np.zeros(len(data.lengths), dtype=bool)
+    stuck[data.stretch[data.sticks]] = True
+    return Problem(Place(points, middle, arm), data, root, share, np.where(stuck, 1, 3))
+
+
+def cosines(points: Array) -> Array:
+    """(n, b) cosines over the support points, the smoother ones larger."""
+    low, size = points.min(axis=0), np.maximum(np.ptp(points, axis=0), 1e-9)
+    x, y = ((points - low) / size).T * math.pi
+    found = [np.zeros(len(points))]  # of points on a line or in one place there may be none
+    for total in range(1, ORDER + 1):
+        for order in range(total + 1):
+            mode = np.cos(order * x) * np.cos((total - order) * y)
+            mode -= mode.mean()
+            if (size_of := math.sqrt(float(np.mean(mode**2)))) > 1e-9:
+                found.append(mode / (size_of * total))
+    return np.column_stack(found)
+
+
+def softmax(u: Array) -> Array:
+    """Weights with sum 1 whose logarithms differ as u (n,) does."""
+    weights = np.exp(u - u.max())
+    return np.asarray(weights / weights.sum())
+
+
+def root_of(matrices: Array) -> Array:
+    """The lower triangular roots of positive definite matrices (..., n, n)."""
+    return np.asarray(np.linalg.cholesky(matrices), dtype=float)
+
+
+def solved(matrices: Array, values: Array) -> Array:
+    """x of matrix x = values: vectors (n,), or columns (n, c), or k of either with a matrix (n, n) each."""
+    if values.ndim < matrices.ndim:
+        return np.asarray(np.linalg.solve(matrices, values[..., None])[..., 0])
+    return np.asarray(np.linalg.solve(matrices, values))
+
+
+def damped(rows: Array, values: Array) -> Array:
+    """x (n, ...) of (rows' rows + 1) x = values, with r rows (r, n): by the smaller of the two systems."""
+    r, n = rows.shape
+    if r >= n:
+        return solved(rows.T @ rows + np.eye(n), values)
+    return values - rows.T @ solved(rows @ rows.T + np.eye(r), rows @ values)
+
+
+def limit_of(problem: Problem, step: Array) -> float:
+    """The part of a step of the parameters (n + 1,) that slopes may be relied on for."""
+    change = max(float(np.abs(problem.root @ step[:-1]).max()), MU_C_SPREAD * abs(float(step[-1])))
+    return min(1.0, LONGEST_STEP / max(change, 1e-9))
+
+
+def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, None, Fit]:
+    """Find the mode that is reached from some parameters (n + 1,), in at most so many steps; pauses after each."""
+    scale, fitted = math.nan, 0.0
+    for left in range(steps, -1, -1):
+        w, log = problem.w(at), log_mu_c(at)
+        found = linearised(problem.place, problem.data, w, math.exp(log))
+        by_mu_c = (errors(problem.place, problem.data, w, math.exp(log + STEP)) - found.errors) / STEP
+        own = found.pivots + VARIES**2 * by_mu_c[:, :, None] * by_mu_c[:, None, :]
+        scale = _scale(problem, found.errors, own, scale, fitted)
+        roots = root_of(_covariances(problem, own, scale))
+        off, slopes = _whitened(problem, found, by_mu_c, roots, log)
+        weights = row_weights(problem, off)
+        rows = np.sqrt(weights)[:, None] * slopes
+        r, n = rows.shape
+        square = rows @ rows.T if r < n else rows.T @ rows
+        square[np.diag_indices(len(square))] += 1
+        fitted = len(square) - float(np.trace(np.linalg.inv(square)))
+        if not left:
+            break
+        step = -damped(rows, slopes.T @ (weights * off) + at)
+        step *= limit_of(problem, step)
+        length, before = 1.0, _cost(problem, at, roots)
+        while length > 0.5**HALVINGS and not _cost(problem, at + length * step, roots) < before:
+            length /= 2
+        if length <= 0.5**HALVINGS or length * float(np.abs(step).max()) < CONVERGED:
+            break
+        at = at + length * step
+        yield
+    evidence = -cost(problem, off, at) - _spread(problem, roots) - float(np.linalg.slogdet(square)[1]) / 2
+    return Fit(at, scale, roots, off, slopes, weights, evidence)
+
+
+def cost(problem: Problem, off: Array, parameters: Array) -> float:
+    """The negative log posterior of parameters (n + 1,) with errors (3k + f,), but for what depends on the scale alone."""
+    return student(problem, off) + float(parameters @ parameters) / 2
+
+
+def student(problem: Problem, off: Array) -> float:
+    """The negative log likelihood of errors (3k + f,) of unit variance, but for a constant."""
+    size, forced = np.sum(_of_stretches(problem, off) ** 2, axis=1), off[3 * len(problem.freedom) :]
+    told = float(np.sum((NU + problem.freedom) * np.log1p(size / NU)))
+    return (told + float(np.sum((NU + 1) * np.log1p(forced**2 / NU)))) / 2
+
+
+def row_weights(problem: Problem, off: Array) -> Array:
+    """The weights of errors (3k + f,): small for outliers."""
+    size, forced = np.sum(_of_stretches(problem, off) ** 2, axis=1), off[3 * len(problem.freedom) :]
+    of_stretches = np.repeat((NU + problem.freedom) / (NU + size), 3)
+    # a force that is no larger than mu_c allows says nothing
+    return np.concatenate((of_stretches, np.where(forced == 0, 0.0, (NU + 1) / (NU + forced**2))))
+
+
+def errors_at(problem: Problem, roots: Array, parameters: Array, w: Array | None = None) -> Array:
+    """The errors (3k + f,) of unit variance at parameters (n + 1,); with another w, if one is given."""
+    log = log_mu_c(parameters)
+    off = errors(problem.place, problem.data, problem.w(parameters) if w is None else w, math.exp(log))
+    return np.concatenate((solved(roots, off).reshape(-1), _forced(problem.data, log)))
+
+
+def _forced(data: Stretches, log: float) -> Array:
+    """By how many standard deviations measured forces are off (f,): of a tip that is not seen to slide, only too large ones."""
+    measured = np.isfinite(data.ratios)
+    off = (log - np.log(data.ratios[measured])) / FORCE_SPREAD
+    return np.where(data.slid[measured], off, np.minimum(off, 0.0))
+
+
+def _of_stretches(problem: Problem, off: Array) -> Array:
+    return off[: 3 * len(problem.freedom)].reshape(-1, 3)
+
+
+def _cost(problem: Problem, at: Array, roots: Array) -> float:
+    return cost(problem, errors_at(problem, roots, at), at)
+
+
+def _spread(problem: Problem, roots: Array) -> float:
+    """The part of the negative log likelihood that the errors' covariances make up."""
+    return float(np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)).mean(axis=1) * problem.freedom))
+
+
+def _covariances(problem: Problem, own: Array, scale: float) -> Array:
+    return np.asarray(own + (scale**2 * problem.share)[:, None, None] * np.eye(3))
+
+
+def _scale(problem: Problem, errors_seen: Array, own: Array, scale: float, fitted: float) -> float:
+    """The likeliest scale [m] of errors (k, 3) that have own covariances (k, 3, 3) besides, after fitting some parameters."""
+    least = LEAST_SCALE * float(np.median(problem.data.lengths))
+    sizes = np.sum(errors_seen**2, axis=1)
+    if math.isnan(scale):
+        scale = max(math.sqrt(float(np.median(sizes / problem.share)) / 2.4), least)
+    freedom = float(problem.freedom.sum())
+    left = max(freedom - fitted, freedom / 4)
+    for _ in range(ROUNDS):
+        off = solved(root_of(_covariances(problem, own, scale)), errors_seen)
+        size = np.sum(off**2, axis=1)
+        scale = max(scale * math.sqrt(float(np.sum((NU + problem.freedom) / (NU + size) * size)) / left), least)
+    return scale
+
+
+def _whitened(problem: Problem, found: Linearised, by_mu_c: Array, roots: Array, log: float) -> tuple[Array, Array]:
+    """Errors (3k + f,) of unit variance, and their slopes (3k + f, n + 1)."""
+    slopes = np.concatenate((found.slopes @ problem.root, MU_C_SPREAD * by_mu_c[..., None]), axis=2)
+    forced = _forced(problem.data, log)
+    of_forces = np.zeros((len(forced), slopes.shape[2]))
+    of_forces[:, -1] = MU_C_SPREAD / FORCE_SPREAD
+    off = np.concatenate((solved(roots, found.errors).reshape(-1), forced))
+    return off, np.concatenate((solved(roots, slopes).reshape(-1, slopes.shape[2]), of_forces))
