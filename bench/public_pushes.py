@@ -124,8 +124,8 @@ class PublicPushes:
         rows, estimates = [], []
         for number, one in enumerate(self._sets):
             progress(f"public pushes: {one.name}")
-            estimates.append(of_all(one))
-            rows.append(_measured(one, estimates[-1], np.random.default_rng(number)))
+            estimates.append((of_all(one), believed(one, list(_lines(one)))))
+            rows.append(_measured(one, *estimates[-1], np.random.default_rng(number)))
         plot(rows, self._plot)
         gallery(self._sets, estimates, self._plot.with_stem(f"{self._plot.stem}_gallery"))
         write_whole(self._plot.with_suffix(".md"), table(*_cells(rows)))
@@ -232,29 +232,35 @@ def of_all(one: PublicSet) -> Estimate:
     return estimated(one.data, one.model.support_points, EstimatorConfig())[1]
 
 
-def _measured(one: PublicSet, whole: Estimate, rng: np.random.Generator) -> Figures:
-    outline, points = one.model.outline, one.model.support_points
-    lines = {row: line for row, stroke in enumerate(one.strokes) if (line := line_of(stroke, outline)) is not None}
+def believed(one: PublicSet, rows: Sequence[int]) -> FrictionModel:
+    """The belief after some strokes of a set."""
+    found = believe(one.model.support_points, [step for row in rows for step in one.steps[row]])
+    assert found is not None, f"{one.name}: no stroke moves the object"
+    return found
+
+
+def _lines(one: PublicSet) -> dict[int, Line]:
+    """The strokes that begin at the outline, by their rows."""
+    found = ((row, line_of(stroke, one.model.outline)) for row, stroke in enumerate(one.strokes))
+    return {row: line for row, line in found if line is not None}
+
+
+def _measured(one: PublicSet, whole: Estimate, belief: FrictionModel, rng: np.random.Generator) -> Figures:
+    outline, lines = one.model.outline, _lines(one)
     groups = rng.permutation(sorted({one.group(row) for row in lines}))
     fitted = set(groups[: len(groups) // 2].tolist())
     half = [row for row in lines if one.group(row) in fitted]
     rows = rng.permutation([row for row in lines if one.group(row) not in fitted])[:ROLLED].tolist()
-
-    def believed(chosen: Sequence[int]) -> FrictionModel:
-        found = believe(points, [step for row in chosen for step in one.steps[row]])
-        assert found is not None, f"{one.name}: no stroke moves the object"
-        return found
-
-    whole_belief, by_half = believed(list(lines)), believed(half)
-    by_few = [believed(rng.permutation(half)[:FEW].tolist()) for _ in range(DRAWS)]
-    mu_c = whole_belief.known_mu_c
+    by_half = believed(one, half)
+    by_few = [believed(one, rng.permutation(half)[:FEW].tolist()) for _ in range(DRAWS)]
+    mu_c = belief.known_mu_c
     figures: Figures = {
         "folder": one.folder,
         "set": one.name,
         "strokes": len(one.strokes),
         "data_points": len(one.data),
         "program_error": float(np.hypot(*(whole.center_of_friction - one.label))),
-        **_center(whole_belief, one.label),
+        **_center(belief, one.label),
         "mu_c": None if mu_c is None else mu_c.value,
         "mu_c_low": None if mu_c is None else mu_c.low,
         "mu_c_high": None if mu_c is None else mu_c.high,
@@ -421,7 +427,7 @@ def plot(rows: Sequence[Figures], path: pathlib.Path) -> None:
     _save(figure, path)
 
 
-def gallery(sets: Sequence[PublicSet], estimates: Sequence[Estimate], path: pathlib.Path) -> None:
+def gallery(sets: Sequence[PublicSet], estimates: Sequence[tuple[Estimate, FrictionModel]], path: pathlib.Path) -> None:
     """What was estimated of each set, as a figure: w, p_CF with its 90 % ellipse, and the centroid of the outline.
 
     Raises:
@@ -433,8 +439,8 @@ def gallery(sets: Sequence[PublicSet], estimates: Sequence[Estimate], path: path
     lines = math.ceil(len(sets) / columns)
     figure = Figure(figsize=(9, 2.3 * lines), layout="constrained")
     places = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, one, estimate in zip(places, sets, estimates, strict=False):
-        draw_support_friction(axes, estimate, one.model.outline)
+    for axes, one, (estimate, belief) in zip(places, sets, estimates, strict=False):
+        draw_support_friction(axes, estimate, belief, one.model.outline)
         axes.plot(*(1e3 * one.label), "+", color="black", ms=11)
         axes.margins(0.12)
         axes.set_title(one.name.replace("__", "\n"), fontsize=8)

@@ -154,7 +154,7 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
             break
         step = -damped(rows, slopes.T @ (weights * off) + at)
         step *= limit_of(problem, step)
-        length, before = 1.0, _cost(problem, at, roots)
+        length, before = 1.0, cost(problem, off, at)
         while length > 0.5**HALVINGS and not _cost(problem, at + length * step, roots) < before:
             length /= 2
         if length <= 0.5**HALVINGS or length * float(np.abs(step).max()) < CONVERGED:

@@ -13,7 +13,7 @@ from matplotlib.patches import Ellipse
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
-from pushfric_core.mechanics.prediction import ELLIPSE
+from pushfric_core.mechanics.prediction import ELLIPSE, FrictionModel
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
@@ -38,19 +38,24 @@ ARROW = 0.15
 """Length of the arrow of a push, as a fraction of the extent of the contacts."""
 
 
-def draw_support_friction(axes: Any, estimate: "Estimate", outline: Outline | None) -> None:
-    """w as dots of proportional area, with an x where it is zero, and p_CF with its 90 % ellipse."""
+def draw_support_friction(axes: Any, estimate: "Estimate", belief: FrictionModel | None, outline: Outline | None) -> None:
+    """w as dots of proportional area, with an x where it is zero, and p_CF with its 90 % ellipse.
+
+    They are those of the belief, or of the program where nothing is believed.
+    """
     if outline is not None:
         axes.plot(*(closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
     points = estimate.support_points * MILLIMETRE
-    zero = estimate.w < 1e-3
+    w, center = (
+        (estimate.w, estimate.center_of_friction) if belief is None else (belief.support.weights, belief.center_of_friction)
+    )
+    zero = w < 1e-3
     axes.plot(*points[zero].T, "x", color=GREY, ms=5)
-    axes.scatter(*points[~zero].T, s=AREA * estimate.w[~zero], color=ESTIMATE, alpha=0.8, lw=0, label="estimated $w$")
-    believed = estimate.belief
-    x, y = estimate.believed_center * MILLIMETRE
+    axes.scatter(*points[~zero].T, s=AREA * w[~zero], color=ESTIMATE, alpha=0.8, lw=0, label="estimated $w$")
+    x, y = center * MILLIMETRE
     axes.plot(x, y, "+", color=ESTIMATE, ms=12, mew=2, label="estimated $p_{CF}$")
-    if believed is not None and believed.covariance is not None:
-        sizes, directions = np.linalg.eigh(believed.covariance)
+    if belief is not None and belief.covariance is not None:
+        sizes, directions = np.linalg.eigh(belief.covariance)
         width, height = 2 * MILLIMETRE * np.sqrt(ELLIPSE * np.maximum(sizes, 0))
         turn = np.degrees(np.arctan2(*directions[::-1, 0]))
         axes.add_patch(Ellipse((x, y), width, height, angle=turn, fill=False, ec=ESTIMATE, lw=1, label="90 % ellipse"))
@@ -87,7 +92,7 @@ def draw(axes: Any, estimate: "Estimate") -> Any:
             import matplotlib.pyplot as plt  # only here: it chooses how windows are shown
 
             axes = plt.subplots(layout="constrained")[1]
-        draw_support_friction(axes, estimate, estimate.outline)
+        draw_support_friction(axes, estimate, estimate.belief, estimate.outline)
         draw_pushes(axes, estimate)
         legend(axes)
     return axes

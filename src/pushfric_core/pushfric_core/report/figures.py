@@ -241,7 +241,7 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
 
 def _draw_support_friction(axes: Any, outline: Outline, estimate: Estimate, truth: TableObject | None) -> None:
     """The estimated w and p_CF, and the true ones if they are known."""
-    draw_support_friction(axes, estimate, outline)
+    draw_support_friction(axes, estimate, estimate.belief, outline)
     if truth is not None and len(truth.support.points) <= 10:
         axes.scatter(
             *(truth.support.points * MILLIMETRE).T,

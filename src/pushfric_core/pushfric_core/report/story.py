@@ -101,8 +101,9 @@ class Story:
             return self._without_data()
         told = with_histogram(report.to_dict(), report.friction)
         kept = {key: told[key] for key in (*AFTER, "histogram") if key in told}
-        if "middle" in told:
-            kept["middle"] = {"center_of_friction": told["middle"]["center_of_friction"]}
+        if "middle" in told:  # it is drawn in the place of the program's
+            kept["middle"] = told["middle"]
+            del kept["w"]
         kept = _rounded(kept)
         _remember(self._after, report.stamp, kept)
         self._recent.append(report)

@@ -39,12 +39,13 @@ export function drawObject(svg, outline, estimate, pinned, moments, last) {
   if (last) parts.push(made("path", { class: "touched", d: wedge(last, to, 20) }));
   const area = 0.1 * span[0] * span[1] * scale * scale; // of all discs together
   for (const [shown, kind] of [[estimate, "weight"], [pinned, "weight pinned"]]) {
+    const weights = shown?.middle?.w ?? shown?.w;
     shown?.support_points.forEach((point, index) => {
-      const [u, v] = to(point), radius = Math.sqrt((area * number(shown.w[index])) / Math.PI);
+      const [u, v] = to(point), radius = Math.sqrt((area * number(weights[index])) / Math.PI);
       if (kind === "weight") parts.push(made("circle", { class: "point", cx: u, cy: v, r: 2.5 }));
       if (radius > 0.5) {
         const disc = made("circle", { class: kind, cx: u, cy: v, r: radius });
-        disc.append(made("title", {}, `w ${(100 * shown.w[index]).toFixed(1)} % at (${(1e3 * point[0]).toFixed(1)}, ${(1e3 * point[1]).toFixed(1)}) mm`));
+        disc.append(made("title", {}, `w ${(100 * weights[index]).toFixed(1)} % at (${(1e3 * point[0]).toFixed(1)}, ${(1e3 * point[1]).toFixed(1)}) mm`));
         parts.push(disc);
       }
     });
