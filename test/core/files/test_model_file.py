@@ -60,7 +60,7 @@ def test_all_that_a_data_point_brings_is_kept(tmp_path):
         123456789,
         Pose(0.1, 0.2, -0.3),
         (0.5, 1 / 3),
-        (0.02, -1 / 7),
+        (0.02, 1 / 7),
         2 / 7000,
     )
     assert all(getattr(full, field.name) != field.default for field in dataclasses.fields(full)), "a field is not tried"

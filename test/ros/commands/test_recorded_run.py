@@ -59,6 +59,7 @@ def test_an_estimator_that_goes_on_is_awaited_after_the_end(monkeypatch):
             count = min(last, 1 + monitor.complete)
             msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=count, pushes=1)
             msg.contact_friction.histogram = [count]
+            msg.spread.data_points = count
             monitor._on_estimate(msg)
 
         monkeypatch.setattr(monitor._visit, "spin_once", spin_once)

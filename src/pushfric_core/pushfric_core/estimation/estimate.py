@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pushfric_core.belief.believe import believing
-from pushfric_core.errors import extra
+from pushfric_core.errors import UninformativePush, extra
 from pushfric_core.estimation.estimate_report import EstimateReport, center_line, contact_friction_line
 from pushfric_core.estimation.verdict import InputCheck, Verdict
 from pushfric_core.geometry.outline import Outline
@@ -243,7 +243,7 @@ def friction_model(estimate: Estimate) -> FrictionModel:
     Args:
         estimate: from at least one observation; without a centre of friction that was given.
     Raises:
-        ValueError: nothing is believed: there is no observation in which anything moves into the object, or p_CF is given.
+        UninformativePush: nothing is believed: in no observation anything moves into the object, or p_CF is given.
 
     Example:
         >>> from pushfric_core import Estimator, Observation, Twist, friction_model, predict
@@ -254,5 +254,5 @@ def friction_model(estimate: Estimate) -> FrictionModel:
         (1, 3)
     """
     if estimate.belief is None:
-        raise ValueError("a friction model needs an estimate from at least one push, got one from none")
+        raise UninformativePush("no friction model: in no observation the tip or the contact moves into the object")
     return estimate.belief
