@@ -298,9 +298,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
         axes.plot(counts, unit[k] * course, style, color=ESTIMATE, label=label)
         if known:
             told = np.isfinite(half[:, k])
-            axes.plot(
-                np.array(counts)[told], unit[k] * half[told, k], style, color=GREY, lw=1, label=f"{label}, at most with 90 %"
-            )
+            axes.plot(np.array(counts)[told], unit[k] * half[told, k], style, color=GREY, lw=1, label=f"{label}, belief, 90 %")
         else:
             told = np.isfinite(half[:, k])
             low, high = (unit[k] * (centers[told, k] + sign * half[told, k]) for sign in (-1, 1))
@@ -309,7 +307,12 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
         # linear below a hundredth of a percent: an error may be zero
         axes.set_yscale("symlog", linthresh=0.01)
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.set(title="Error of $p_{CF}$", xlabel="observations", ylabel="% of the side", ylim=(0, None))
+        axes.set(
+            title="Error of the program's $p_{CF}$, and the belief's bound",
+            xlabel="observations",
+            ylabel="% of the side",
+            ylim=(0, None),
+        )
     else:
         axes.set(title="Centre of friction, with 90 % intervals", xlabel="observations", ylabel="mm")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
