@@ -124,8 +124,9 @@ class PublicPushes:
         rows, estimates = [], []
         for number, one in enumerate(self._sets):
             progress(f"public pushes: {one.name}")
-            estimates.append((of_all(one), believed(one, list(_lines(one)))))
-            rows.append(_measured(one, *estimates[-1], np.random.default_rng(number)))
+            lines = _lines(one)
+            estimates.append((of_all(one), believed(one, list(lines))))
+            rows.append(_measured(one, *estimates[-1], lines, np.random.default_rng(number)))
         plot(rows, self._plot)
         gallery(self._sets, estimates, self._plot.with_stem(f"{self._plot.stem}_gallery"))
         write_whole(self._plot.with_suffix(".md"), table(*_cells(rows)))
@@ -245,8 +246,10 @@ def _lines(one: PublicSet) -> dict[int, Line]:
     return {row: line for row, line in found if line is not None}
 
 
-def _measured(one: PublicSet, whole: Estimate, belief: FrictionModel, rng: np.random.Generator) -> Figures:
-    outline, lines = one.model.outline, _lines(one)
+def _measured(
+    one: PublicSet, whole: Estimate, belief: FrictionModel, lines: dict[int, Line], rng: np.random.Generator
+) -> Figures:
+    outline = one.model.outline
     groups = rng.permutation(sorted({one.group(row) for row in lines}))
     fitted = set(groups[: len(groups) // 2].tolist())
     half = [row for row in lines if one.group(row) in fitted]

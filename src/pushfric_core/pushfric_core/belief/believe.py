@@ -8,7 +8,7 @@ so its marginal is taken on a grid instead of from the curvature.
 
 import math
 from collections.abc import Generator, Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -22,16 +22,19 @@ from pushfric_core.belief.fit import (
     errors_at,
     fitting,
     limit_of,
+    of_stretches,
     problem_of,
     root_of,
     row_weights,
     solved,
+    spread_cost,
     student,
 )
 from pushfric_core.belief.linearisation import motion_sizes, with_bounds
 from pushfric_core.belief.stretches import stretches
 from pushfric_core.geometry.planar import Array, as_array
 from pushfric_core.mechanics.prediction import SHARE, FrictionModel, Kind
+from pushfric_core.steps import finished
 from pushfric_core.trajectories.observation import Observation
 
 STARTS, FIRST_STEPS = (-1.0, 0.0, 1.0), 3
@@ -68,12 +71,7 @@ def believe(points: npt.ArrayLike, observations: Sequence[Observation]) -> Frict
         >>> believe([(-0.05, -0.02), (0.05, -0.02), (0.0, 0.02)], [one]).w.shape
         (32, 3)
     """
-    going = believing(points, observations)
-    while True:
-        try:
-            next(going)
-        except StopIteration as end:
-            return cast(FrictionModel | None, end.value)
+    return finished(believing(points, observations))
 
 
 def believing(points: npt.ArrayLike, observations: Sequence[Observation]) -> Generator[None, None, FrictionModel | None]:
@@ -116,13 +114,12 @@ def _left_out(problem: Problem, found: Fit) -> tuple[Array, float]:
     pushes, of_stretch = np.unique(data.push, return_inverse=True)
     if len(pushes) < 3:
         return np.zeros((0, len(found.parameters))), -found.evidence
-    begins = np.searchsorted(data.stretch, np.arange(len(data.push)))
-    arms = data.contacts[begins] - problem.place.middle
+    arms = data.contacts[data.begins] - problem.place.middle
     first = np.unique(of_stretch, return_index=True)[1]
     order = np.argsort(np.arctan2(arms[first, 1], arms[first, 0]), kind="stable")
     groups = np.array_split(order, min(SECTORS, len(pushes)))
     forced = np.isfinite(data.ratios)
-    scaled, off = np.sqrt(found.weights)[:, None] * found.slopes, np.sqrt(found.weights) * found.off
+    scaled, off = found.rows, np.sqrt(found.weights) * found.off
     changes, left = [], found.off.copy()
     for group in groups:
         inside = np.isin(of_stretch, group)
@@ -133,8 +130,7 @@ def _left_out(problem: Problem, found: Fit) -> tuple[Array, float]:
         sizes, axes = np.linalg.eigh(np.eye(len(own)) - own @ damped(scaled, own.T))
         freed = axes @ ((axes.T @ off[rows]) / np.sqrt(np.maximum(sizes, LEAST_FREEDOM)))
         changes.append(damped(scaled, own.T @ freed))
-    spread = float(np.sum(np.log(np.diagonal(found.roots, axis1=1, axis2=2)).mean(axis=1) * problem.freedom))
-    return math.sqrt(WIDER) * np.array(changes), student(problem, left) + spread
+    return math.sqrt(WIDER) * np.array(changes), student(problem, left) + spread_cost(problem, found.roots)
 
 
 def _few(groups: int) -> float:
@@ -181,28 +177,16 @@ def _chances(profile: _Profile, variance: float) -> Array:
 def _drawn(judged: _Judged, size: float, count: int) -> FrictionModel:
     """The samples, in pairs on either side of the mode, so that their mean is the mode's w."""
     problem, found, changes = judged.problem, judged.fit, judged.changes
-    points, n, w = problem.place.points, len(problem.place.points), problem.w(judged.fit.parameters)
-    variance = _few(len(changes)) * float(np.sum(np.minimum(np.abs(changes[:, -1]), 1.0) ** 2))
-    rows = np.sqrt(found.weights)[:, None] * found.slopes
-    mu_c = np.zeros(n + 1)
-    mu_c[-1] = 1.0
-    deviation = math.sqrt(float(damped(rows, mu_c)[-1]) + variance)
-    profile = _profile(problem, found, np.sort(np.concatenate((WIDE, found.parameters[-1] + deviation * NEAR))))
-    rows = rows[:, :-1]
+    points, w = problem.place.points, problem.w(found.parameters)
     to_center = ((points - w @ points) * w[:, None]).T @ problem.root  # from the parameters to p_CF
-    sectors = to_center @ changes[:, :-1].T
-    common = COMMON * found.scale / float(np.median(problem.data.lengths)) * problem.place.arm
-    covariance = to_center @ damped(rows, to_center.T) + _few(len(changes)) * sectors @ sectors.T
-    covariance += ((FLOOR * size) ** 2 + common**2) * np.eye(2)
-    before = ((points - points.mean(axis=0)) / n).T @ problem.root
-    covariance = _together(covariance, before @ before.T + (FLOOR * size) ** 2 * np.eye(2))
+    covariance = _covariance(judged, size, to_center)
+    variance = _few(len(changes)) * float(np.sum(np.minimum(np.abs(changes[:, -1]), 1.0) ** 2))
+    mu_c = np.zeros(len(points) + 1)
+    mu_c[-1] = 1.0
+    deviation = math.sqrt(float(damped(found.rows, mu_c)[-1]) + variance)
+    profile = _profile(problem, found, np.sort(np.concatenate((WIDE, found.parameters[-1] + deviation * NEAR))))
     rng = np.random.default_rng(SEED)
-    limited = np.array([limit_of(problem, change) * change for change in changes]).reshape(-1, n + 1)
-    draws, of_rows, of_sectors = (rng.standard_normal((PAIRS, length)) for length in (n, len(rows), len(changes)))
-    noise = damped(rows, (draws + of_rows @ rows).T).T + of_sectors @ limited[:, :-1]
-    # what neither the pushes nor p_CF show stays as it is
-    shown = np.concatenate((rows, to_center / (FLOOR * size)))
-    noise = damped(np.concatenate((rows, shown)), shown.T @ (shown @ noise.T)).T
+    noise = _noise(judged, size, to_center, rng)
     noise += _corrected(noise @ to_center.T, covariance, to_center)
     levels = (rng.permutation(PAIRS) + 0.5) / (2 * PAIRS)
     chances = _chances(profile, variance)
@@ -221,6 +205,28 @@ def _drawn(judged: _Judged, size: float, count: int) -> FrictionModel:
     return FrictionModel(points, samples, np.exp(logs), share, _misfit(problem, found), covariance, kind, count)
 
 
+def _covariance(judged: _Judged, size: float, to_center: Array) -> Array:
+    """The covariance (2, 2) of p_CF about the truth [m^2]."""
+    problem, found, changes = judged.problem, judged.fit, judged.changes
+    points, floor = problem.place.points, (FLOOR * size) ** 2
+    sectors = to_center @ changes[:, :-1].T
+    common = COMMON * found.scale / float(np.median(problem.data.lengths)) * problem.place.arm
+    after = to_center @ damped(found.rows[:, :-1], to_center.T) + _few(len(changes)) * sectors @ sectors.T
+    before = ((points - points.mean(axis=0)) / len(points)).T @ problem.root
+    return _together(after + (floor + common**2) * np.eye(2), before @ before.T + floor * np.eye(2))
+
+
+def _noise(judged: _Judged, size: float, to_center: Array, rng: np.random.Generator) -> Array:
+    """By how much PAIRS samples of the whitened log pressures are off the mode (PAIRS, n)."""
+    problem, changes, rows = judged.problem, judged.changes, judged.fit.rows[:, :-1]
+    limited = np.array([limit_of(problem, change) * change for change in changes]).reshape(changes.shape)
+    draws, of_rows, of_sectors = (rng.standard_normal((PAIRS, length)) for length in (rows.shape[1], len(rows), len(changes)))
+    noise = damped(rows, (draws + of_rows @ rows).T).T + of_sectors @ limited[:, :-1]
+    # what neither the pushes nor p_CF show stays as it is
+    shown = np.concatenate((rows, to_center / (FLOOR * size)))
+    return damped(np.concatenate((rows, shown)), shown.T @ (shown @ noise.T)).T
+
+
 def _together(one: Array, other: Array) -> Array:
     """The covariance (2, 2) of an error that is known in two ways."""
     both = np.linalg.inv(np.linalg.inv(one) + np.linalg.inv(other))
@@ -237,11 +243,10 @@ def _corrected(places: Array, wanted: Array, to_center: Array) -> Array:
 
 def _misfit(problem: Problem, found: Fit) -> float:
     """The angle that 90 % of new motions stay below, by those of the pushes that were fitted [rad]."""
-    off = found.off[: 3 * len(problem.freedom)].reshape(-1, 3)
+    off = of_stretches(problem, found.off)
     sizes = np.linalg.norm((found.roots @ off[..., None])[..., 0], axis=1)
     angles = np.sort(np.arctan2(sizes, motion_sizes(problem.place, problem.data)))
     rank = min(math.ceil(SHARE * (len(angles) + 1) - 1e-9), len(angles))
-    rows = np.sqrt(found.weights)[:, None] * found.slopes
+    rows = found.rows
     fitted = float(np.sum(rows * damped(rows, rows.T).T))
-    freedom = float(problem.freedom.sum())
-    return min(float(angles[rank - 1]) * math.sqrt(freedom / max(freedom - fitted, freedom / 4)), math.pi)
+    return min(float(angles[rank - 1]) * math.sqrt(problem.left(0.0) / problem.left(fitted)), math.pi)

@@ -24,6 +24,7 @@ from pushfric_core.belief.constants import (
 from pushfric_core.belief.linearisation import Linearised, Place, errors, linearised
 from pushfric_core.belief.stretches import Stretches
 from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.support import rms_arm
 
 STEPS = 10
 """At most so many steps of Gauss-Newton; five are usual."""
@@ -53,6 +54,11 @@ class Problem(NamedTuple):
     share: Array  # (k,) variance of each stretch's errors as a share of the squared scale
     freedom: Array  # (k,) dimensions of its errors: without a tip, only the turn about the contact is one
 
+    def left(self, fitted: float) -> float:
+        """Degrees of freedom that so many fitted parameters leave."""
+        freedom = float(self.freedom.sum())
+        return max(freedom - fitted, freedom / 4)
+
     def w(self, parameters: Array) -> Array:
         """The support friction distribution (n,) of parameters (n + 1,)."""
         return softmax(self.root @ parameters[:-1])
@@ -69,6 +75,11 @@ class Fit(NamedTuple):
     weights: Array  # (3k + f,): small for outliers
     evidence: float
 
+    @property
+    def rows(self) -> Array:
+        """(3k + f, n + 1) the slopes, weighted: their squares add up to what the pushes say of the parameters."""
+        return np.asarray(np.sqrt(self.weights)[:, None] * self.slopes)
+
 
 def log_mu_c(parameters: Array) -> float:
     """That of parameters (n + 1,)."""
@@ -77,14 +88,12 @@ def log_mu_c(parameters: Array) -> float:
 
 def problem_of(points: Array, data: Stretches, white: float) -> Problem:
     """The problem of finding w over points (n, 2), each with an own log pressure of this standard deviation."""
-    middle = points.mean(axis=0)
-    arm = math.sqrt(float(np.mean(np.sum((points - middle) ** 2, axis=1)))) or 1.0
     modes = SMOOTH * cosines(points)
     root = root_of(modes @ modes.T + white**2 * np.eye(len(points)))
     share = (1 + (data.lengths / np.median(data.lengths)) ** 2) / 2
     stuck = np.zeros(len(data.lengths), dtype=bool)
     stuck[data.stretch[data.sticks]] = True
-    return Problem(Place(points, middle, arm), data, root, share, np.where(stuck, 1, 3))
+    return Problem(Place(points, points.mean(axis=0), rms_arm(points) or 1.0), data, root, share, np.where(stuck, 1, 3))
 
 
 def cosines(points: Array) -> Array:
@@ -161,7 +170,7 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
             break
         at = at + length * step
         yield
-    evidence = -cost(problem, off, at) - _spread(problem, roots) - float(np.linalg.slogdet(square)[1]) / 2
+    evidence = -cost(problem, off, at) - spread_cost(problem, roots) - float(np.linalg.slogdet(square)[1]) / 2
     return Fit(at, scale, roots, off, slopes, weights, evidence)
 
 
@@ -172,17 +181,17 @@ def cost(problem: Problem, off: Array, parameters: Array) -> float:
 
 def student(problem: Problem, off: Array) -> float:
     """The negative log likelihood of errors (3k + f,) of unit variance, but for a constant."""
-    size, forced = np.sum(_of_stretches(problem, off) ** 2, axis=1), off[3 * len(problem.freedom) :]
+    size, forced = np.sum(of_stretches(problem, off) ** 2, axis=1), off[3 * len(problem.freedom) :]
     told = float(np.sum((NU + problem.freedom) * np.log1p(size / NU)))
     return (told + float(np.sum((NU + 1) * np.log1p(forced**2 / NU)))) / 2
 
 
 def row_weights(problem: Problem, off: Array) -> Array:
     """The weights of errors (3k + f,): small for outliers."""
-    size, forced = np.sum(_of_stretches(problem, off) ** 2, axis=1), off[3 * len(problem.freedom) :]
-    of_stretches = np.repeat((NU + problem.freedom) / (NU + size), 3)
+    size, forced = np.sum(of_stretches(problem, off) ** 2, axis=1), off[3 * len(problem.freedom) :]
+    stretches = np.repeat((NU + problem.freedom) / (NU + size), 3)
     # a force that is no larger than mu_c allows says nothing
-    return np.concatenate((of_stretches, np.where(forced == 0, 0.0, (NU + 1) / (NU + forced**2))))
+    return np.concatenate((stretches, np.where(forced == 0, 0.0, (NU + 1) / (NU + forced**2))))
 
 
 def errors_at(problem: Problem, roots: Array, parameters: Array, w: Array | None = None) -> Array:
@@ -199,7 +208,8 @@ def _forced(data: Stretches, log: float) -> Array:
     return np.where(data.slid[measured], off, np.minimum(off, 0.0))
 
 
-def _of_stretches(problem: Problem, off: Array) -> Array:
+def of_stretches(problem: Problem, off: Array) -> Array:
+    """The errors (k, 3) of the stretches alone."""
     return off[: 3 * len(problem.freedom)].reshape(-1, 3)
 
 
@@ -207,7 +217,7 @@ def _cost(problem: Problem, at: Array, roots: Array) -> float:
     return cost(problem, errors_at(problem, roots, at), at)
 
 
-def _spread(problem: Problem, roots: Array) -> float:
+def spread_cost(problem: Problem, roots: Array) -> float:
     """The part of the negative log likelihood that the errors' covariances make up."""
     return float(np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)).mean(axis=1) * problem.freedom))
 
@@ -222,8 +232,7 @@ def _scale(problem: Problem, errors_seen: Array, own: Array, scale: float, fitte
     sizes = np.sum(errors_seen**2, axis=1)
     if math.isnan(scale):
         scale = max(math.sqrt(float(np.median(sizes / problem.share)) / 2.4), least)
-    freedom = float(problem.freedom.sum())
-    left = max(freedom - fitted, freedom / 4)
+    left = problem.left(fitted)
     for _ in range(ROUNDS):
         off = solved(root_of(_covariances(problem, own, scale)), errors_seen)
         size = np.sum(off**2, axis=1)

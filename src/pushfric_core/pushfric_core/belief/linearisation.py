@@ -13,11 +13,9 @@ import numpy.typing as npt
 
 from pushfric_core.belief.constants import LEAST_RATIO, REACH, ROUNDED
 from pushfric_core.belief.stretches import Stretches
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import Array, cross, left_of
 from pushfric_core.mechanics import quasi_static
-
-STICKS = 1e6
-"""A mu_c with which no tip slides."""
+from pushfric_core.mechanics.prediction import SHARE, STICKING
 
 TINY = 1e-12
 
@@ -49,10 +47,10 @@ def with_bounds(place: Place, data: Stretches, w: Array) -> Stretches:
 
     Ratios near mu_c would count once each if all were kept: 90 of 100 are at most as large as the one that is.
     """
-    _, _, _, forces = _predicted(place, data, w, STICKS)
+    _, _, _, forces = _predicted(place, data, w, STICKING)
     normals = data.normals
     pressure = -np.sum(forces * normals, axis=1)
-    shear = np.abs(forces[:, 1] * normals[:, 0] - forces[:, 0] * normals[:, 1])
+    shear = np.abs(cross(normals, forces))
     told = data.sticks & (pressure > LEAST_RATIO * shear)
     ratios = np.where(told, np.maximum(shear / np.maximum(pressure, TINY), LEAST_RATIO), 0.0)
     count = _summed(data, told.astype(float))
@@ -60,7 +58,7 @@ def with_bounds(place: Place, data: Stretches, w: Array) -> Stretches:
     open_ = np.flatnonzero(np.isfinite(bounds) & ~np.isfinite(data.ratios))
     ratios = data.ratios.copy()
     if len(open_):
-        kept = open_[np.argsort(bounds[open_])[math.ceil(0.9 * len(open_) - 1e-9) - 1]]
+        kept = open_[np.argsort(bounds[open_])[math.ceil(SHARE * len(open_) - 1e-9) - 1]]
         ratios[kept] = bounds[kept]
     return data._replace(ratios=ratios)
 
@@ -108,7 +106,7 @@ def linearised(place: Place, data: Stretches, w: Array, mu_c: float) -> Linearis
 
 def _predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> tuple[Array, Array, npt.NDArray[np.int8], Array]:
     """Velocities of the contacts (r, 2), turns (r,), modes (r,) and forces (r, 2)."""
-    mu_cs, both = np.array((mu_c, STICKS)), np.stack((w, w))
+    mu_cs, both = np.array((mu_c, STICKING)), np.stack((w, w))
     moved = quasi_static.motions_of_rows(
         place.points, both, mu_cs, data.sticks.astype(np.int64), data.contacts, data.normals, data.ways, lenient=True
     )
@@ -117,8 +115,7 @@ def _predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> tuple[Ar
 
 def _at_contacts(data: Stretches, twists: Array) -> Array:
     """Velocities (r, 2) of the contacts in motions (r, 3) of the object-frame origin."""
-    x, y = data.contacts.T
-    return np.column_stack((twists[:, 0] - twists[:, 2] * y, twists[:, 1] + twists[:, 2] * x))
+    return np.asarray(twists[:, :2] + twists[:, 2:] * left_of(data.contacts))
 
 
 def _off(place: Place, data: Stretches, velocities: Array, turns: Array) -> Array:
@@ -139,8 +136,7 @@ def _framed(place: Place, data: Stretches, velocities: Array, turns: Array) -> A
 
 def _summed(data: Stretches, values: Array) -> Array:
     """Sums (k, ...) over the steps (r, ...) of each stretch."""
-    begins = np.searchsorted(data.stretch, np.arange(len(data.lengths)))
-    return np.asarray(np.add.reduceat(values, begins, axis=0))
+    return np.asarray(np.add.reduceat(values, data.begins, axis=0))
 
 
 def _response(

@@ -28,6 +28,7 @@ class Stretches(NamedTuple):
     turns: Array  # (r,) of the object since the middle of its stretch [rad]
     sticks: npt.NDArray[np.bool_]  # (r,) the tip is not known: the contact moves as it was seen to
     stretch: Indices  # (r,) of each step
+    begins: Indices  # (k,) the first step of each
     push: Indices  # (k,) push_id
     lengths: Array  # (k,) of the way [m]
     ratios: Array  # (k,) |F . t| / |F . n| of the measured force; NaN: none was measured
@@ -69,6 +70,7 @@ def stretches(observations: Sequence[Observation], size: float) -> Stretches | N
         turned - (first + whole / 2)[stretch],
         np.array([step.sticks for step in steps]),
         stretch,
+        begins,
         np.array([part[0].push for part in parts]),
         np.add.reduceat(np.hypot(*ways.T), begins),
         ratios[:, 0],

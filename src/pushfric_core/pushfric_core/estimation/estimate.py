@@ -21,6 +21,7 @@ from pushfric_core.geometry.support import center_of_friction
 from pushfric_core.mechanics.prediction import FrictionModel, MuC
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Optimum, Status
+from pushfric_core.steps import finished
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.uncertainty import contact_friction
@@ -123,8 +124,7 @@ class Estimate:
 
         None without a push, or if the centre of friction is given. Its covariance is None if the pushes lack variety.
         """
-        for _ in self.believing():
-            pass
+        finished(self.believing())
         return self.belief
 
     def believing(self) -> Generator[None, None, None]:

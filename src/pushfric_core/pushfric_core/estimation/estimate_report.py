@@ -47,12 +47,12 @@ class FrictionReport(NamedTuple):
     mu_c: MuC | None
 
     @classmethod
-    def of(cls, estimate: "Estimate", mu_c: MuC | None, slipping: Sequence[bool] = ()) -> "FrictionReport":
+    def of(cls, estimate: "Estimate", belief: FrictionModel | None, slipping: Sequence[bool] = ()) -> "FrictionReport":
         """The report on an estimate and what is believed of mu_c, O(M) for M observations.
 
         Args:
             estimate: from at least one observation.
-            mu_c: what is believed.
+            belief: that of the estimate, or of an earlier one.
             slipping: for each observation, whether its contact is known to have slipped; empty: for none.
         """
         bounds = estimate.contact_friction
@@ -66,7 +66,7 @@ class FrictionReport(NamedTuple):
             None if slid is None else (float(slid.min()), float(slid.max())),
             () if estimate.tip is None else np.bincount(slips, minlength=len(Slip)).tolist(),
             list(Slip)[slips[-1]] if len(slips) else Slip.UNKNOWN,
-            mu_c,
+            None if belief is None else belief.known_mu_c,
         )
 
 
@@ -126,7 +126,6 @@ class EstimateReport:
             believed: number of observations that the belief rests on; None: all.
         """
         solution, verdict = estimate.solution, verdict or Verdict()
-        known = belief if belief is not None and belief.covariance is not None else None
         return cls(
             object_name,
             estimate.stamp,
@@ -140,12 +139,12 @@ class EstimateReport:
             solution.lower_bound,
             solution.gap,
             estimate.total_friction,
-            friction or FrictionReport.of(estimate, None if belief is None else belief.known_mu_c, slipping),
+            friction or FrictionReport.of(estimate, belief, slipping),
             estimate.data_points if believed is None else believed,
             None
-            if known is None or known.covariance is None
-            else SpreadReport(known.covariance, known.support.weights, known.intervals),
-            None if known is None else known.confidence,
+            if belief is None or belief.covariance is None
+            else SpreadReport(belief.covariance, belief.support.weights, belief.intervals),
+            None if belief is None else belief.confidence,
             verdict.reasons,
             verdict.notes,
             verdict.rejected,

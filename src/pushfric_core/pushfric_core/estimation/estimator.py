@@ -14,7 +14,7 @@ from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.verdict import InputCheck, Verdict
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
-from pushfric_core.geometry.support import COR_SHARE, FreeRadii, SupportForces, check_points, support_forces
+from pushfric_core.geometry.support import COR_SHARE, FreeRadii, SupportForces, check_points, rms_arm, support_forces
 from pushfric_core.program.constraint_rows import stack
 from pushfric_core.program.constraints import (
     Cone,
@@ -154,8 +154,7 @@ def free_radii(support_points: Array, config: EstimatorConfig) -> FreeRadii:
     """How near the centre of rotation supports (n, 2) [m] may push any way."""
     if config.cor_radius is not None:
         return FreeRadii(config.cor_radius, config.cor_radius)
-    spread = support_points - support_points.mean(axis=0)
-    return FreeRadii(0.0, COR_SHARE * math.sqrt(np.mean(np.sum(spread**2, axis=1))))
+    return FreeRadii(0.0, COR_SHARE * rms_arm(support_points))
 
 
 class Estimator:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pushfric_core.geometry.planar import Array, Twist, cross, velocity_at
+from pushfric_core.geometry.support import rms_arm
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.geometry_check import ContactCheck
@@ -132,7 +133,7 @@ class InputCheck:
     def __init__(self, points: Array) -> None:
         self._points = points
         self._middle = points.mean(axis=0)
-        self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1))))
+        self._radius = rms_arm(points)
         self._count = self._behind = self._inverted = self._receding = self._about_origin = self._forces = self._fast = (
             self._timed
         ) = 0

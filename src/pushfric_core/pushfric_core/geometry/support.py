@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -74,6 +75,11 @@ def check_points(support_points: npt.ArrayLike) -> Array:
     check_within("x and y of support_points", (points.min(), points.max()), FARTHEST, "m")
     check_within("the distances along x and y between support_points", (np.ptp(points, axis=0).max(),), LARGEST, "m")
     return points
+
+
+def rms_arm(points: Array) -> float:
+    """The rms distance of points (n, 2) from their middle [m]: the arm at which a turn counts; 0 if all are in one place."""
+    return math.sqrt(float(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1))))
 
 
 def friction_directions(support_points: Array, twist: Twist) -> Array:

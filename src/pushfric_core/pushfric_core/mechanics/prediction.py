@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.planar import Array, as_array, frozen, left_of
-from pushfric_core.geometry.support import Support, center_of_friction, check_points
+from pushfric_core.geometry.support import Support, center_of_friction, check_points, rms_arm
 from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.quasi_static import MODES, SUM, Motions
 from pushfric_core.mechanics.simulation import ContactMode
@@ -177,8 +177,7 @@ class FrictionModel:
 
         The rms distance of the support points from their middle; 1 if there is only one point.
         """
-        spread = self.support_points - self.support_points.mean(axis=0)
-        return float(np.sqrt(np.mean(np.sum(spread**2, axis=1)))) or 1.0
+        return rms_arm(self.support_points) or 1.0
 
     def angles(self, twists: npt.ArrayLike, others: npt.ArrayLike) -> Array:
         """Angles (...) between twists (..., 3) as (v at p_CF, length * omega) [rad]; pi/2 if one of the two is zero."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.prediction import FrictionModel, scattered
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.records import comparable
+from pushfric_core.steps import finished
 
 STEP = 1e-3
 """Longest advance of the tip in one step of the midpoint rule [m]; the error over 50 mm is below 0.05 mm."""
@@ -75,12 +76,7 @@ def predict_strokes(
         >>> round(float(strokes.means[0, 1]), 3)
         0.01
     """
-    going = stroke_steps(model, outline, poses, lines, positions, step)
-    while True:
-        try:
-            next(going)
-        except StopIteration as end:
-            return cast(Strokes, end.value)
+    return finished(stroke_steps(model, outline, poses, lines, positions, step))
 
 
 def stroke_steps(

@@ -157,7 +157,7 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
     go_on(math.inf)
     tell(story.on_settings(estimation.settings.to_text()))
     return told | {
-        "estimate": with_histogram(estimation.figures(), FrictionReport.of(estimation.result, estimation.result.mu_c))
+        "estimate": with_histogram(estimation.figures(), FrictionReport.of(estimation.result, estimation.result.belief))
     }, pictures
 
 

@@ -296,11 +296,10 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     for k, (label, style) in enumerate((("x", "-"), ("y", "--"))):
         course = np.abs(centers[:, k] - truth.support.center_of_friction[k]) if truth is not None else centers[:, k]
         axes.plot(counts, unit[k] * course, style, color=ESTIMATE, label=label)
+        told = np.isfinite(half[:, k])
         if known:
-            told = np.isfinite(half[:, k])
             axes.plot(np.array(counts)[told], unit[k] * half[told, k], style, color=GREY, lw=1, label=f"{label}, belief, 90 %")
         else:
-            told = np.isfinite(half[:, k])
             low, high = (unit[k] * (centers[told, k] + sign * half[told, k]) for sign in (-1, 1))
             axes.fill_between(np.array(counts)[told], low, high, color=ESTIMATE, alpha=0.15, lw=0)
     if known:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, left_of
+from pushfric_core.geometry.support import rms_arm
 from pushfric_core.solvers import least_weights
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.uncertainty.reasons import Reason, ReasonCode, contacts_displaced, line_off_sideways
@@ -252,7 +253,7 @@ class _Run:
         self._weights = np.minimum(1.0, EFFECTIVE / np.bincount(self._place)[self._place])
         self.size = float(self._weights.sum())
         self._middle = points.mean(axis=0)
-        self._arm = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1)))) or 1.0
+        self._arm = rms_arm(points) or 1.0
         self._points = points
         self.w = np.full(len(points), 1 / len(points))  # that explains the data best if nothing is wrong
 

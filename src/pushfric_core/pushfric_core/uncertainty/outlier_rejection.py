@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.planar import Array, Indices, left_of, rotation, velocity_at, wrap
-from pushfric_core.geometry.support import COR_SHARE, FreeRadii, support_forces
+from pushfric_core.geometry.support import COR_SHARE, FreeRadii, rms_arm, support_forces
 from pushfric_core.program.constraint_rows import ConstraintRows
 from pushfric_core.program.row_table import RowTable
 from pushfric_core.solvers import empty_program
@@ -135,7 +135,7 @@ class OutlierRejection:
 
     def __init__(self, points: Array) -> None:
         self._points, self._middle = points, points.mean(axis=0)
-        self._radius = math.sqrt(float(np.mean(np.sum((points - self._middle) ** 2, axis=1)))) or 1.0
+        self._radius = rms_arm(points) or 1.0
         self._radii = FreeRadii(0.0, COR_SHARE * self._radius)
         self._pushes: list[int] = []  # in order of arrival
         self._places: dict[int, int] = {}  # of each push among them

@@ -91,7 +91,7 @@ class Publications:
         if friction is None or at_rest or is_due(estimate.data_points, friction.data_points):
             observations = self._online.observations if self._slipping else ()
             slips = [observation.push_id in self._slipping for observation in observations]
-            friction = self._mu_c = FrictionReport.of(estimate, None if belief is None else belief.known_mu_c, slips)
+            friction = self._mu_c = FrictionReport.of(estimate, belief, slips)
         report = EstimateReport.of(estimate, self._object.name, belief, (), verdict, friction, self._believed)
         msg = estimate_to_msg(report)
         self._estimate_out.publish(msg)
