@@ -99,9 +99,9 @@ sys.exit(None if answer.done() else "no answer")
 
 @pytest.fixture
 def contended():
-    """Other processes hold what Fast DDS locks to take one of its first ports, as processes that start together do."""
+    """Other processes hold what Fast DDS locks to take one of its ports, as processes that start together do."""
     with contextlib.ExitStack() as held:
-        for name in (f"/dev/shm/fastrtps_port{number}_el" for number in range(7000, 7020)):
+        for name in (f"/dev/shm/fastrtps_port{number}_el" for number in range(7000, 7200)):
             with contextlib.suppress(OSError):  # somebody else has it: that contends, too
                 new = not os.path.exists(name)
                 fcntl.flock(held.enter_context(open(name, "a")), fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -115,14 +115,16 @@ def contended():
 @pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
 def test_what_the_middleware_says_is_not_among_a_programs_output(unset, contended, range_, images):
     program = f"""
-import sys
+import select, sys
 import rclpy
 from pushfric_ros.node_kit.network import configured
-with configured(images={images}):
-    rclpy.init()
-    node = rclpy.create_node("speaks")
 print("its output")
-sys.stdin.read()
+nodes = []
+while not select.select([sys.stdin], [], [], 0)[0]:  # the first port may be one that somebody just gave back
+    context = rclpy.Context()
+    with configured(images={images}):
+        rclpy.init(context=context)
+        nodes.append(rclpy.create_node("speaks", context=context))
 """
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     with subprocess.Popen([sys.executable, "-c", program], env=os.environ | {RANGE: range_}, text=True, **pipes) as speaks:
