@@ -549,7 +549,7 @@ def _model_message() -> FrictionModel:
     pushed = load_object(OBJECT_NAME)
     estimator = Estimator(pushed.support_points)
     estimate = estimator.add(_observations())
-    return friction_model_to_msg(pushed.name, pushed.outline, estimate, friction_model(estimate), estimator.verdict(estimate))
+    return friction_model_to_msg(pushed.name, pushed.outline, estimate, friction_model(estimate), estimate.verdict)
 
 
 @functools.cache

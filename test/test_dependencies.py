@@ -100,7 +100,7 @@ for push in range(6):  # the tip goes 3 mm deep into the outline: the verdict as
     depth = 0.003 + 1e-4 * (push % 3)
     push = Observation((0.01 * push - 0.02, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1 * push + 0.05), push_id=push, depth=depth)
     estimate = estimator.add(push)
-estimator.verdict(estimate)
+estimate.verdict
 """
 
 

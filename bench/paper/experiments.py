@@ -21,8 +21,8 @@ from pushfric_core.geometry.planar import Array, Wrench
 from pushfric_core.geometry.support import Support, center_of_friction, support_forces
 from pushfric_core.geometry.table_1 import FLAT, LOOKALIKES, ORIENTATIONS
 from pushfric_core.mechanics.limit_surface import LimitSurface, Measurement, separation
+from pushfric_core.program import contact_friction
 from pushfric_core.program.least_squares import least_squares_fit
-from pushfric_core.uncertainty import contact_friction
 
 Mask = npt.NDArray[np.bool_]
 

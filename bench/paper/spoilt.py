@@ -84,7 +84,7 @@ def summary(runs: Sequence[Mapping[str, Verdict]]) -> dict[str, dict[str, int | 
 def _screened(data: Iterable[Observation], points: Array) -> tuple[set[int], bool]:
     """The pushes that are left out at the end, and whether the object is said to be another one."""
     estimator, estimate = estimated(data, points, EstimatorConfig(screening=True))
-    return {one.push_id for one in estimator.rejected}, estimator.verdict(estimate).change is not None
+    return {one.push_id for one in estimator.rejected}, estimate.judgement.doubts.change is not None
 
 
 def with_moved_load(support: Support, shift: float, rng: np.random.Generator) -> Support:

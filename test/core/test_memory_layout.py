@@ -19,7 +19,7 @@ import pytest
 import shapely
 
 import pushfric_core
-from pushfric_core import belief, estimation, geometry, mechanics, program, solvers, trajectories, uncertainty
+from pushfric_core import belief, estimation, geometry, mechanics, program, solvers, trajectories
 from pushfric_core.estimation import estimate_report, region
 from pushfric_core.geometry import contact, planar, support
 from pushfric_core.geometry.contact import pushing_line
@@ -29,7 +29,7 @@ from pushfric_core.program import constraints
 from pushfric_core.program.least_squares import least_squares_fit
 
 CORE = pathlib.Path(__file__).parent
-MATHEMATICS = (geometry, trajectories, program, solvers, uncertainty, belief, estimation, mechanics)
+MATHEMATICS = (geometry, trajectories, program, solvers, belief, estimation, mechanics)
 RNG = np.random.default_rng(11)
 K, N, S = 40, 13, 5
 """Numbers of pushes, support points and samples: enough to fill NumPy's vectors, and not a multiple of them."""

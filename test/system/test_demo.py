@@ -19,9 +19,9 @@ from calls import PROGRAM, pushfric
 from documents import blocks, has_the_form, shown
 from rosbags.highlevel import AnyReader
 
+from pushfric_core.estimation.excitation import FEWEST_PUSHES
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.report.report import truth
-from pushfric_core.uncertainty.excitation import FEWEST_PUSHES
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 

@@ -10,7 +10,7 @@ from pushfric_core import FrictionModel, predict
 from pushfric_core.belief import linearisation
 from pushfric_core.belief.fit import problem_of, softmax
 from pushfric_core.belief.linearisation import errors, linearised, motion_sizes
-from pushfric_core.belief.stretches import stretches
+from pushfric_core.belief.stretches import steps_of, stretches
 from pushfric_core.geometry.planar import rotation
 
 FEET = four_feet()
@@ -37,7 +37,7 @@ def at(data, u, mu_c):
 )
 def test_the_slopes_are_those_of_finite_differences(monkeypatch, mu_c, turn, seen):
     monkeypatch.setattr(linearisation, "ROUNDED", 0.0)
-    found = stretches(list(pushes(turn, seen)), 0.2)
+    found = stretches(steps_of(list(pushes(turn, seen)), 0.2), 0.2)
     assert len(found.lengths) == 8  # each of two steps
     problem = problem_of(POINTS, found, 1.0).place, found
     about = linearised(*problem, softmax(U), mu_c)
@@ -57,6 +57,6 @@ def test_what_is_predicted_has_no_error():
         model, *([getattr(one, name) for one in data] for name in ("contact_point", "contact_normal", "tip_velocity"))
     )
     seen = [replace(one, twist=one.twist._make(twist)) for one, twist in zip(data, moved.twists.tolist(), strict=True)]
-    found = stretches(seen, 0.2)
+    found = stretches(steps_of(seen, 0.2), 0.2)
     place = problem_of(POINTS, found, 1.0).place
     assert np.abs(errors(place, found, softmax(U), 0.3)).max() < 1e-7 * motion_sizes(place, found).min()

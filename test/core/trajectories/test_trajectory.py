@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pushfric_core import TABLE_1, Outline, PoseSample, PushedObject, PusherSample, PushingLine, Trajectory, TrajectoryConfig
 from pushfric_core.geometry.planar import Pose, Twist, compose, exp, inverse, transform
-from pushfric_core.uncertainty.contact_friction import tip_at
+from pushfric_core.program.contact_friction import tip_at
 
 OUTLINE = Outline.rectangle(0.127, 0.064)
 LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)

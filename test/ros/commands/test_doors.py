@@ -147,7 +147,7 @@ def by_python(case, model):
             "confidence": estimate.confidence,
             "mu_c": [estimate.mu_c_p90, estimate.mu_c.value, estimate.mu_c.low],
             "data_points": estimate.data_points,
-            "use": estimator.verdict(estimate).use,
+            "use": estimate.verdict.use,
             "rejected": [one.push_id for one in estimator.rejected],
         },
         "predict": [

@@ -8,10 +8,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from pushfric_core import Estimator, Observation, Pose, Twist
 from pushfric_core.bags import constants, message_types, samples
+from pushfric_core.belief.doubts import Change, Rejected
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.verdict import Verdict
-from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
-from pushfric_core.uncertainty.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason, ReasonCode
 from pushfric_msgs.msg import (
     ContactFriction,
     FrictionEstimate,

@@ -18,6 +18,7 @@ from pushfric_core.bags.samples import (
     pose_sample_from_msg,
     pusher_sample_from_msg,
 )
+from pushfric_core.belief.symptoms import tip_stays_away
 from pushfric_core.errors import InvalidInput, PushfricError, extra
 from pushfric_core.estimation.batch import Warn
 from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator
@@ -40,7 +41,6 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.stream import counted_of
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
-from pushfric_core.uncertainty.geometry_check import tip_stays_away
 
 if TYPE_CHECKING:
     from pushfric_core.bags.bag import Bag

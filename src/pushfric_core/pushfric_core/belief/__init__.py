@@ -1,1 +1,1 @@
-"""The belief about an object's friction, with its uncertainty: one likelihood, of whole pushes."""
+"""What is believed of an object's friction, and doubted of the data: one likelihood, of whole pushes."""

@@ -64,3 +64,46 @@ pushes have in common. It was chosen on the triangle and the steel plates of doc
 
 PAIRS = 16
 """Half the number of samples; each has its mirror image about the mean."""
+
+FEWEST_COMPARED = 6
+"""With fewer pushes, none is said to be bad, the object the same, and no mistake is looked for."""
+
+BAD_PUSH = 0.05
+"""Probability, before any push, that one is bad."""
+
+BROAD = 0.25
+"""Scale of the errors of a bad push, as a share of its way; their distribution is Cauchy's."""
+
+MANY_BAD = 0.34
+"""If more than this share of the pushes seem bad, the belief is."""
+
+CHANGED = 0.05
+"""Probability, before any push, that the object changed before one of the last pushes."""
+
+SHIFT, SAME = 0.1, 0.005
+"""Standard deviations of p_CF's shift along each axis, as shares of the support's size: by a change, and of the same object,
+whose model is not exact."""
+
+LATEST, FEWEST_BEFORE = 6, 5
+"""A change is looked for before the last LATEST to 2 pushes, if as many as FEWEST_BEFORE say what the object was."""
+
+MISTAKE, GEOMETRY = 0.01, 0.05
+"""Probabilities, before any push, of a mistake in units, signs or columns; and that contacts or the motion's frame are off."""
+
+INSIDE_OUT = 0.03
+"""Share of the contacts of a right outline whose normals point towards the support's middle."""
+
+MOST_COMPARED = 60
+"""Mistakes are compared by so many stretches at most, over so many support points."""
+
+CLEAR = 0.05
+"""Where motions are off by no more than this angle [rad], units, signs and columns are right."""
+
+REACH_OFF = 0.03
+"""Standard deviation of how far contacts or the motion's frame are off, along each axis, if they are [m]."""
+
+FINGERS = (0.012, 0.025)
+"""Half distances of two fingers that are tried [m]."""
+
+SMALL_SUPPORT = 0.75
+"""Support points that span less than this share of the contacts leave a part of the object out."""

@@ -21,7 +21,7 @@ from pushfric_core.belief.constants import (
     SMOOTH,
     VARIES,
 )
-from pushfric_core.belief.linearisation import Linearised, Place, errors, linearised
+from pushfric_core.belief.linearisation import Linearised, Place, anywhere, errors, linearised
 from pushfric_core.belief.stretches import Stretches
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.support import rms_arm
@@ -150,6 +150,7 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
         found = linearised(problem.place, problem.data, w, math.exp(log))
         by_mu_c = (errors(problem.place, problem.data, w, math.exp(log + STEP)) - found.errors) / STEP
         own = found.pivots + VARIES**2 * by_mu_c[:, :, None] * by_mu_c[:, None, :]
+        own = own + anywhere(problem.place, problem.data, w, math.exp(log), found.errors)
         scale = _scale(problem, found.errors, own, scale, fitted)
         roots = root_of(_covariances(problem, own, scale))
         off, slopes = _whitened(problem, found, by_mu_c, roots, log)
@@ -170,7 +171,7 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
             break
         at = at + length * step
         yield
-    evidence = -cost(problem, off, at) - spread_cost(problem, roots) - float(np.linalg.slogdet(square)[1]) / 2
+    evidence = -cost(problem, off, at) - spread_cost(problem, roots, scale) - float(np.linalg.slogdet(square)[1]) / 2
     return Fit(at, scale, roots, off, slopes, weights, evidence)
 
 
@@ -217,9 +218,13 @@ def _cost(problem: Problem, at: Array, roots: Array) -> float:
     return cost(problem, errors_at(problem, roots, at), at)
 
 
-def spread_cost(problem: Problem, roots: Array) -> float:
-    """The part of the negative log likelihood that the errors' covariances make up."""
-    return float(np.sum(np.log(np.diagonal(roots, axis1=1, axis2=2)).mean(axis=1) * problem.freedom))
+def spread_cost(problem: Problem, roots: Array, scale: float) -> float:
+    """The part of the negative log likelihood that the errors' covariances make up.
+
+    Without a tip, errors have one dimension, and the covariances are those of the scale in the others.
+    """
+    logs = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+    return float(np.sum(logs - (3 - problem.freedom) * np.log(scale * np.sqrt(problem.share))))
 
 
 def _covariances(problem: Problem, own: Array, scale: float) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.belief.constants import LEAST_RATIO, REACH, ROUNDED
-from pushfric_core.belief.stretches import Stretches
+from pushfric_core.belief.stretches import Stretches, at_contacts
 from pushfric_core.geometry.planar import Array, cross, left_of
 from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.prediction import SHARE, STICKING
@@ -63,9 +63,23 @@ def with_bounds(place: Place, data: Stretches, w: Array) -> Stretches:
     return data._replace(ratios=ratios)
 
 
+def anywhere(place: Place, data: Stretches, w: Array, mu_c: float, errors_seen: Array) -> Array:
+    """Covariances (k, 3, 3) of the errors (k, 3) [m^2], because contacts lie anywhere within their half-widths."""
+    if not data.half_widths.any():
+        return np.zeros((len(errors_seen), 3, 3))
+    aside = data.contacts + data.half_widths[:, None] * left_of(data.normals)
+    ways = np.where(data.sticks[:, None], at_contacts(aside, data.motions), data.ways)
+    off = errors(place, data._replace(contacts=aside, ways=ways), w, mu_c) - errors_seen
+    # where the tip is not known, only turns about the contact are foretold
+    turns = _summed(data, _framed(place, data, np.zeros_like(data.ways), np.ones(len(data.ways))))
+    stuck = np.add.reduceat(data.sticks, data.begins)[:, None] > 0
+    off = np.where(stuck, off[:, 2:] * turns / turns[:, 2:], off)
+    return off[:, :, None] * off[:, None, :] / 3
+
+
 def motion_sizes(place: Place, data: Stretches) -> Array:
     """Sizes (k,) of the motions that were seen, as those of errors [m]."""
-    velocities, turns = _at_contacts(data, data.motions), data.motions[:, 2]
+    velocities, turns = at_contacts(data.contacts, data.motions), data.motions[:, 2]
     return np.asarray(np.linalg.norm(_summed(data, _framed(place, data, velocities, turns)), axis=1))
 
 
@@ -110,16 +124,11 @@ def _predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> tuple[Ar
     moved = quasi_static.motions_of_rows(
         place.points, both, mu_cs, data.sticks.astype(np.int64), data.contacts, data.normals, data.ways, lenient=True
     )
-    return _at_contacts(data, moved.twists), moved.twists[:, 2], moved.modes, moved.forces
-
-
-def _at_contacts(data: Stretches, twists: Array) -> Array:
-    """Velocities (r, 2) of the contacts in motions (r, 3) of the object-frame origin."""
-    return np.asarray(twists[:, :2] + twists[:, 2:] * left_of(data.contacts))
+    return at_contacts(data.contacts, moved.twists), moved.twists[:, 2], moved.modes, moved.forces
 
 
 def _off(place: Place, data: Stretches, velocities: Array, turns: Array) -> Array:
-    return _framed(place, data, velocities - _at_contacts(data, data.motions), turns - data.motions[:, 2])
+    return _framed(place, data, velocities - at_contacts(data.contacts, data.motions), turns - data.motions[:, 2])
 
 
 def _framed(place: Place, data: Stretches, velocities: Array, turns: Array) -> Array:

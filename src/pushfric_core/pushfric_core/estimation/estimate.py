@@ -4,31 +4,30 @@ from __future__ import annotations
 
 import html
 import importlib.util
-from collections.abc import Generator
+from collections.abc import Container, Generator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pushfric_core.belief.believe import believing
+from pushfric_core.belief.doubts import Rejected
+from pushfric_core.belief.judge import Judgement, judging
 from pushfric_core.errors import UninformativePush, extra
 from pushfric_core.estimation.estimate_report import EstimateReport, center_line, contact_friction_line
-from pushfric_core.estimation.verdict import InputCheck, Verdict
+from pushfric_core.estimation.verdict import Verdict, verdict_on
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.support import center_of_friction
 from pushfric_core.mechanics.prediction import FrictionModel, MuC
+from pushfric_core.program import contact_friction
+from pushfric_core.program.contact_friction import ContactForces, Tip
+from pushfric_core.reasons import Reason
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Optimum, Status
 from pushfric_core.steps import finished
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
-from pushfric_core.uncertainty import contact_friction
-from pushfric_core.uncertainty.contact_friction import ContactForces, Tip
-from pushfric_core.uncertainty.model_comparison import Comparison
-from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
-from pushfric_core.uncertainty.reasons import Reason
 from pushfric_core.wording import observations_of
 
 if TYPE_CHECKING:
@@ -53,10 +52,9 @@ class Estimate:
         tip: what was seen and measured of the pusher's tip at each contact.
         moment_error: mean moment error of an observation [m, unit force]; None if the fit has other terms or another loss.
         observations: those that it rests on; in order of arrival, except that those of a push that came back are the last.
-        rejected: the pushes that are left out because they are unlike the others, each with the reason.
-        change: of the object; None as long as it seems to be the same.
+        rejected: the pushes that are left out because the others contradict them, each with the reason.
         outline: of the object; None: the estimator does not know it.
-        comparison: of what may be wrong with the observations, made when no other observation followed at once.
+        kept: pushes that are not left out, whatever speaks against them.
 
     Example:
         >>> from pushfric_core import Estimator, Observation, Twist
@@ -83,9 +81,8 @@ class Estimate:
     moment_error: float | None = None
     observations: Observations = field(default_factory=Observations, compare=False)
     rejected: tuple[Rejected, ...] = ()
-    change: Change | None = None
     outline: Outline | None = field(default=None, compare=False)
-    comparison: Comparison = field(default_factory=Comparison, compare=False)
+    kept: Container[int] = field(default=(), compare=False)
 
     @property
     def w(self) -> Array:
@@ -118,20 +115,32 @@ class Estimate:
         """p_CF (2,) [m], object frame (eq. 3)."""
         return center_of_friction(self.support_points, self.w)
 
-    @cached_property
+    @property
     def belief(self) -> FrictionModel | None:
         """The belief after the pushes, with its uncertainty, computed when it is first asked for.
 
         None without a push, or if the centre of friction is given. Its covariance is None if the pushes lack variety.
         """
-        finished(self.believing())
-        return self.belief
+        return self.judgement.belief
 
-    def believing(self) -> Generator[None, None, None]:
-        """Compute `belief`, but pause after each step, for a program that has other things to do meanwhile."""
-        found = None if self.center_given else (yield from believing(self.support_points, self.observations))
+    @cached_property
+    def judgement(self) -> Judgement:
+        """The belief, and what speaks against the observations, computed when it is first asked for."""
+        finished(self.judging())
+        return self.judgement
+
+    def judging(self, given: Judgement | None = None) -> Generator[None, None, None]:
+        """Compute `judgement`, but pause after each step, for a program that has other things to do meanwhile.
+
+        Args:
+            given: by somebody who judged all observations, also those of rejected pushes.
+        """
+        found = given or (yield from judging(self.support_points, self.observations, self.kept))
+        belief = None if self.center_given else found.belief
+        if belief is not None and self.lack is not None:
+            belief = replace(belief, covariance=None)
         # where `cached_property` looks
-        self.__dict__["belief"] = found if found is None or self.lack is None else replace(found, covariance=None)
+        self.__dict__["judgement"] = found._replace(belief=belief)
 
     @property
     def believed_center(self) -> Array:
@@ -165,13 +174,10 @@ class Estimate:
         """The largest of the lower bounds."""
         return contact_friction.percentile(self.contact_friction, 1.0)
 
-    @cached_property
+    @property
     def verdict(self) -> Verdict:
         """Whether the estimate may be used: `use`, and `reasons` if not."""
-        check = InputCheck(self.support_points)
-        for observation in self.observations:
-            check.add(observation)
-        return replace(check.verdict(self, self.change), rejected=self.rejected)
+        return verdict_on(self, self.judgement.doubts)
 
     def __str__(self) -> str:
         if not self.data_points:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from pushfric_core.belief.doubts import Change, Rejected
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import FrictionModel, MuC
+from pushfric_core.program.contact_friction import Slip
+from pushfric_core.reasons import Reason
 from pushfric_core.solvers.program import Status
-from pushfric_core.uncertainty.contact_friction import Slip
-from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
-from pushfric_core.uncertainty.reasons import Reason
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Container, Generator, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from pushfric_core.belief.doubts import Rejected
+from pushfric_core.belief.judge import Doubts, Judgement, judging
 from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.verdict import InputCheck, Verdict
+from pushfric_core.estimation.excitation import Excitation
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.support import COR_SHARE, FreeRadii, SupportForces, check_points, rms_arm, support_forces
@@ -26,15 +28,13 @@ from pushfric_core.program.constraints import (
     SensedForce,
     center_of_friction_rows,
 )
+from pushfric_core.program.contact_friction import ContactForces, Tip, contact_forces, tip_at
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.program import Loss, Optimum, Solver
-from pushfric_core.trajectories.observation import Observation
+from pushfric_core.steps import finished
+from pushfric_core.trajectories.observation import PUSH_IDS, Observation
 from pushfric_core.trajectories.observations import Observations
-from pushfric_core.uncertainty.contact_friction import ContactForces, Tip, contact_forces, tip_at
-from pushfric_core.uncertainty.excitation import Excitation
-from pushfric_core.uncertainty.model_comparison import Comparison, compare
-from pushfric_core.uncertainty.outlier_rejection import REASONS, OutlierRejection, Rejected, is_due
 from pushfric_core.wording import counted, observations_of
 
 TERMS: dict[str, Callable[[EstimatorConfig], Constraint]] = {
@@ -157,13 +157,15 @@ def free_radii(support_points: Array, config: EstimatorConfig) -> FreeRadii:
     return FreeRadii(0.0, COR_SHARE * rms_arm(support_points))
 
 
+AT_ONCE = 100
+"""So many observations are taken again without a pause."""
+
+
 class Estimator:
     """Fits w over hypothesised support points to observations.
 
-    What it says is a function of the observations and the settings alone: not of the order of the pushes, nor of when somebody
-    asked. There are three exceptions: whether the object has changed is a question of time; if there are more than
-    `outlier_rejection.EXACT` observations, outlier rejection looks only after every second, third, ... of them; and what may be
-    wrong with the observations is compared only when no other one follows at once.
+    What `estimate` says is a function of the observations and the settings alone, not of their order: pushes that the others
+    contradict are left out then. What `add` says of a single observation leaves out those that were found before.
 
     Args:
         support_points: (n, 2) hypothesised supports in the object frame [m].
@@ -215,26 +217,27 @@ class Estimator:
 
     def _begin(self) -> None:
         """Without any observation."""
-        self._program = empty_program(len(self.support_points), self.config.loss, self.config.solver, self.config.with_scale)
-        self._observations: dict[int, Observation] = {}  # by the number of its rows in the program
-        self._listed: list[Observation] = []  # the same; estimates hold on to it, so observations are only ever appended
-        self._pushes: Counter[int] = Counter()
-        self._contacts = _Contacts(len(self.support_points))
-        self._next = 0
         self._newest: Observation | None = None
         self._seen: list[Observation] = []  # all observations, also those of rejected pushes, in order of arrival
-        self._rejection = OutlierRejection(self.support_points) if self._rejects else None
-        self._rejected: dict[int, str] = {}  # what shows that these pushes are bad
-        self._last_rejection = 0  # number of observations when outliers were last rejected
-        self._last_comparison, self._compared = Comparison(), 0  # ... and the number of all observations it was made of
-        self._forget()
+        self._rejected: dict[int, Rejected] = {}  # pushes that are not in the program
+        self._judgement, self._judged = Judgement(), 0  # the last one, and the number of all observations it was made of
+        self._begin_program()
+
+    def _begin_program(self) -> None:
+        """Without any observation in the program."""
+        self._program = empty_program(len(self.support_points), self.config.loss, self.config.solver, self.config.with_scale)
+        self._given = 0  # rows that are of no observation
+        self._listed: list[Observation] = []  # in the program; estimates hold on to it, so observations are only ever appended
+        self._pushes: set[int] = set()
+        self._contacts = _Contacts(len(self.support_points))
+        self._excitation = Excitation(self._size)
         if self._center is not None:
             self._program.add(stack([center_of_friction_rows(self._center, self.support_points)], self._columns))
-            self._next = 1
+            self._given = 1
 
     @property
     def observations(self) -> Observations:
-        """The observations in the program; in order of arrival, except that those of a push that came back are the last."""
+        """The observations in the program, in order of arrival."""
         return Observations(self._listed, len(self._listed))
 
     @property
@@ -245,7 +248,7 @@ class Estimator:
     @property
     def rejected(self) -> tuple[Rejected, ...]:
         """The pushes that are left out because they are unlike the others, each with the reason."""
-        return tuple(Rejected(push_id, REASONS[what]) for push_id, what in sorted(self._rejected.items()))
+        return tuple(self._rejected[push_id] for push_id in sorted(self._rejected))
 
     def __repr__(self) -> str:
         count = observations_of(len(self.observations), len({one.push_id for one in self.observations}))
@@ -254,22 +257,21 @@ class Estimator:
     def add(self, observations: Observation | Iterable[Observation]) -> Estimate:
         """Take an observation, or some, and estimate again, starting from the last optimum.
 
-        With the setting `screening`, a push that turns out to be unlike the others is left out, until it no longer is. If
-        observations contradict the nonnegative force, the status is INFEASIBLE, w violates it least, and `conflicts` names
-        them.
+        Several are judged, as `estimate` does. If observations contradict the nonnegative force, the status is INFEASIBLE, w
+        violates it least, and `conflicts` names them.
 
         Raises:
             UninformativePush: one rotates exactly about a support point; the estimator stays as it was.
         """
         if isinstance(observations, Observation):
             self._take(observations, self._forces(observations))
-            return self._estimate(at_rest=False)
+            return self._estimate()
         added = tuple(observations)
         for observation in added:
             self.check(observation)
         for observation in added:
             self._take(observation, self._forces(observation))
-        return self._estimate(at_rest=len(added) != 1)
+        return self.estimate()
 
     def _take(self, observation: Observation, forces: SupportForces) -> None:
         self._seen.append(observation)
@@ -277,12 +279,6 @@ class Estimator:
             self._newest = observation
         if observation.push_id not in self._rejected:
             self._append(observation, forces)
-        if self._rejection is not None:
-            self._rejection.add(observation)
-            if is_due(len(self._seen), self._last_rejection):
-                self._last_rejection = len(self._seen)
-                self._reject(self._rejection)
-        self._program.solve()  # from one optimum to the next, however many observations come at once
 
     def keep(self, push_id: int) -> Estimate:
         """Keep a push in, or take it back, even if something shows that it is bad. All observations are taken again."""
@@ -307,26 +303,13 @@ class Estimator:
             self._take(observation, self._forces(observation))
         return self.estimate()
 
-    def _reject(self, rejection: OutlierRejection) -> None:
-        """Leave the bad pushes out, and take those back that are so no longer."""
-        bad = {push_id: what for push_id, what in rejection.look().items() if push_id not in self._kept}
-        for push_id in sorted(bad.keys() - self._rejected.keys()):
-            self._take_out(push_id)
-        if back := self._rejected.keys() - bad.keys():
-            for observation in self._seen:
-                if observation.push_id in back:
-                    self._append(observation, self._forces(observation))
-        self._rejected = bad
-
     def _append(self, observation: Observation, forces: SupportForces) -> None:
-        rows = stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns)
-        self._program.add(rows)
+        self._program.add(stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns))
         self._contacts.append(contact_forces(observation, forces), tip_at(observation))
-        self._look_at(observation)
-        self._observations[self._next] = observation
+        self._excitation.add(observation.push_id, observation.contact_point, observation.contact_normal)
         self._listed.append(observation)
-        self._pushes[observation.push_id] += 1
-        self._next += 1
+        self._pushes.add(observation.push_id)
+        self._program.solve()  # from one optimum to the next, however many observations come at once
 
     def check(self, observation: Observation) -> None:
         """Check that `add` would take an observation.
@@ -342,29 +325,55 @@ class Estimator:
     def _forces(self, observation: Observation) -> SupportForces:
         return support_forces(self.support_points, observation.twist, self._free)
 
-    def _take_out(self, push_id: int) -> None:
-        groups = [group for group, observation in self._observations.items() if observation.push_id == push_id]
-        kept = np.array([observation.push_id != push_id for observation in self._observations.values()])
-        for group in groups:
-            self._program.remove(group)
-            del self._observations[group]
-        self._listed = list(self._observations.values())
-        del self._pushes[push_id]
-        self._contacts.keep(kept)
-        self._forget()
-        for observation in self._observations.values():
-            self._look_at(observation)
-
     def estimate(self) -> Estimate:
-        """The estimate from all present observations; without any, every w is equally good."""
-        return self._estimate(at_rest=True)
+        """The estimate from all present observations, judged; without any, every w is equally good.
 
-    def _estimate(self, at_rest: bool) -> Estimate:
-        """The estimate; if more observations may follow at once, its comparison may rest on fewer."""
+        With the setting `screening`, pushes that the others contradict are left out, until they no longer do.
+        """
+        return finished(self.settling())
+
+    def settling(self) -> Generator[None, None, Estimate]:
+        """As `estimate`, but pauses after each step, for a program that has other things to do meanwhile.
+
+        An observation that is added in a pause makes the rest useless: begin again.
+        """
+        seen = tuple(self._seen)
+        if not self.settled:
+            judgement = yield from judging(self.support_points, seen, self._never_rejected)
+            bad = {one.push_id: one for one in judgement.doubts.rejected}
+            if bad.keys() != self._rejected.keys():
+                # the program takes all others again, so that no bit of what it says depends on when somebody asked
+                again = copy.copy(self)
+                again._begin_program()
+                for number, observation in enumerate(seen):
+                    if observation.push_id not in bad:
+                        again._append(observation, self._forces(observation))
+                    if number % AT_ONCE == 0:
+                        yield
+                vars(self).update(vars(again))
+            self._rejected, self._judgement, self._judged = bad, judgement, len(seen)
+        estimate = self._estimate()
+        yield from estimate.judging(self._judgement)
+        return estimate
+
+    @property
+    def doubts(self) -> Doubts:
+        """The doubts about the observations when they were last judged."""
+        return self._judgement.doubts
+
+    @property
+    def settled(self) -> bool:
+        """Whether all observations have been judged."""
+        return self._judged == len(self._seen)
+
+    @property
+    def _never_rejected(self) -> Container[int]:
+        return self._kept if self._rejects else range(PUSH_IDS)
+
+    def _estimate(self) -> Estimate:
         solution = self._solve()
-        groups = self._program.conflicts()
-        conflicts = tuple(self._observations[group] for group in groups if group in self._observations)
-        data_points, pushes = len(self._observations), len(self._pushes)
+        conflicts = tuple(self._listed[group - self._given] for group in self._program.conflicts() if group >= self._given)
+        data_points, pushes = len(self._listed), len(self._pushes)
         return Estimate(
             self.support_points,
             solution,
@@ -379,37 +388,9 @@ class Estimator:
             solution.objective / data_points if self._moments_alone and data_points else None,
             Observations(self._listed, data_points),
             self.rejected,
-            None if self._rejection is None else self._rejection.change,
             self.outline,
-            self._compare() if at_rest else self._last_comparison,
+            self._never_rejected,
         )
-
-    @property
-    def compared(self) -> bool:
-        """Whether what may be wrong with the observations was compared with all of them."""
-        return not self._rejects or self._compared == len(self._seen)
-
-    def _compare(self) -> Comparison:
-        """Likely mistakes in the observations, those of rejected pushes included."""
-        if not self.compared:
-            self._last_comparison, self._compared = compare(self.support_points, self._seen), len(self._seen)
-        return self._last_comparison
-
-    def verdict(self, estimate: Estimate) -> Verdict:
-        """Whether the last estimate may be used."""
-        for observation in self._unchecked:
-            self._input.add(observation)
-        self._unchecked.clear()
-        return replace(self._input.verdict(estimate, estimate.change), rejected=estimate.rejected)
-
-    def _forget(self) -> None:
-        """Begin to look at the observations from the first one on."""
-        self._excitation, self._input = Excitation(self._size), InputCheck(self.support_points)
-        self._unchecked: list[Observation] = []  # observations that the input check has not seen yet: only a verdict needs it
-
-    def _look_at(self, observation: Observation) -> None:
-        self._excitation.add(observation.push_id, observation.contact_point, observation.contact_normal)
-        self._unchecked.append(observation)
 
     def _solve(self) -> Optimum:
         return self._program.solve() if self.config.tie_break is False else self._program.nearest_uniform()
@@ -437,11 +418,6 @@ class _Contacts:
         self._tips[:, row] = tip
         self._room[0, row], self._room[1, row], self._room[2, row] = forces.normal, forces.along, forces.free
         self._count += 1
-
-    def keep(self, which: npt.NDArray[np.bool_]) -> None:
-        kept, tips = self._room[:, : self._count][:, which], self._tips[:, : self._count][:, which]
-        self._count = kept.shape[1]
-        self._hold(kept, tips, 64)
 
     def _hold(self, forces: Array, tips: Array, more: int) -> None:
         """Hold these from now on, with room for some more."""

@@ -1,6 +1,6 @@
 """All that a live run estimates of one object: w, p_CF and mu_c, the region of p_CF, and which hypothesis fits."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 
 from shapely import Polygon
 
@@ -11,7 +11,7 @@ from pushfric_core.estimation.push_choice import RankedPush, next_pushes, slip_p
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.recognition import Ranking, Recognizer
 from pushfric_core.estimation.region import HalfPlanes, Region, line_of_motion
-from pushfric_core.estimation.verdict import Verdict
+from pushfric_core.estimation.verdict import Verdict, verdict_on
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
@@ -56,9 +56,9 @@ class OnlineEstimation:
         return self._estimator.newest
 
     @property
-    def compared(self) -> bool:
-        """Whether the estimate's comparison of what may be wrong rests on all observations."""
-        return self._estimator.compared
+    def settled(self) -> bool:
+        """Whether all observations have been judged."""
+        return self._estimator.settled
 
     @property
     def usable(self) -> bool:
@@ -66,8 +66,8 @@ class OnlineEstimation:
         return self.estimate is not None and self.estimate.contradiction is None
 
     def verdict(self) -> Verdict:
-        """Whether the last estimate may be used; of no estimate, nothing is said."""
-        return Verdict() if self.estimate is None else self._estimator.verdict(self.estimate)
+        """Whether the last estimate may be used, by what was last judged; of no estimate, nothing is said."""
+        return Verdict() if self.estimate is None else verdict_on(self.estimate, self._estimator.doubts)
 
     def learn(self, observation: Observation) -> None:
         """Take an observation in one go, in all respects."""
@@ -99,10 +99,13 @@ class OnlineEstimation:
             self._rank(observation)
         return self.ranking is not before
 
-    def settle(self) -> None:
-        """Let all that the estimate says rest on all observations, now that no other follows at once."""
+    def settling(self) -> Generator[None, None, None]:
+        """Let all that is said rest on all observations, now that no other follows at once; pauses after each step."""
         if self.estimate is not None:
-            self.estimate = self._estimator.estimate()
+            self.estimate = yield from self._estimator.settling()
+            if self._rejected() != self._left_out:
+                self._narrow_again()
+                self._rank_again()
 
     def exclude(self, push_id: int) -> Estimate:
         """Take all observations of a push out of everything; return what is left, perhaps without any observations.

@@ -79,7 +79,7 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
     estimator = settings.new_estimator(model.support_points)
     data = batch.usable_by(estimator, reading.observations, warn)
     course = _course(estimator, data, whole_course)
-    verdict = estimator.verdict(course[-1])
+    verdict = course[-1].verdict
     reading.settle(estimator)
     for line in (*(note.text for note in verdict.notes), *(f"{source}: {doubt}" for doubt in reading.ledger.doubts)):
         warn(line)

@@ -13,6 +13,7 @@ from std_msgs.msg import Header
 
 from pushfric_core.bags import samples
 from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.belief.doubts import Change, Rejected
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, FrictionReport, SpreadReport
 from pushfric_core.estimation.push_choice import RankedPush
@@ -35,11 +36,10 @@ from pushfric_core.mechanics.surface_models import (
     surface_samples,
 )
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
+from pushfric_core.program.contact_friction import Slip
+from pushfric_core.reasons import Reason, ReasonCode
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import UNIT, Observation
-from pushfric_core.uncertainty.contact_friction import Slip
-from pushfric_core.uncertainty.outlier_rejection import Change, Rejected
-from pushfric_core.uncertainty.reasons import Reason, ReasonCode
 from pushfric_msgs.msg import (
     Basis,
     CenterOfFrictionRegion,

@@ -21,6 +21,7 @@ from pushfric_core.bags.samples import (
     pusher_sample_from_msg,
     stamp_from_msg,
 )
+from pushfric_core.belief.symptoms import tip_stays_away
 from pushfric_core.cell.node_settings import EstimatorInput, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate import Estimate
@@ -32,13 +33,12 @@ from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.model_file import check_name, make_model, prior, save_model
 from pushfric_core.files.object_file import ObjectModel, load_object
 from pushfric_core.geometry.frames import OBJECT
+from pushfric_core.reasons import ReasonCode
 from pushfric_core.report.ledger import sums_in_words
 from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STATES, WRENCHES, Event, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.stream import OUTLASTS
-from pushfric_core.uncertainty.geometry_check import tip_stays_away
-from pushfric_core.uncertainty.reasons import ReasonCode
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
 from pushfric_msgs.msg import Observation as ObservationMsg
@@ -409,15 +409,16 @@ class EstimatorNode(Node):
 
     def _settle(self) -> Generator[None, None, None]:
         """Publish what rests on all observations; pauses after each step."""
-        complete = self._publications.complete
-        if not complete or not self._online.compared:
-            self._online.settle()
+        complete, rejected = self._publications.complete, self._verdict.rejected
+        if not complete or not self._online.settled:
+            yield from self._online.settling()
             self._before = self._lasted = self._online.estimate
-            if self._lasted is not None:
-                yield from self._lasted.believing()
             said = self._verdict
             if self._judge() != said or not complete:
                 self._publications.estimate(self._verdict)
+            if self._verdict.rejected != rejected:
+                self._publications.region()
+                self._publications.ranking()
         self._model_publication.publish(self._verdict)
 
     def _settle_on(self) -> None:

@@ -11,7 +11,6 @@ from pushfric_core.estimation.online_estimation import OnlineEstimation
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.mechanics.prediction import FrictionModel as Belief
-from pushfric_core.uncertainty.outlier_rejection import is_due
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,
     ContactFriction,
@@ -31,6 +30,9 @@ from pushfric_ros.messages.conversions import (
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.qos import LATCHED
+
+MANY = 1000
+"""Up to so many observations, what is said of mu_c rests on all; then it lags by one, two, ...: its cost does not grow."""
 
 
 class Publications:
@@ -88,7 +90,8 @@ class Publications:
         if at_rest:
             self._belief, self._believed = estimate.belief, estimate.data_points
         belief, friction = self._belief, self._mu_c
-        if friction is None or at_rest or is_due(estimate.data_points, friction.data_points):
+        held = 0 if friction is None else estimate.data_points - friction.data_points
+        if friction is None or at_rest or not 0 <= held <= estimate.data_points // MANY:
             observations = self._online.observations if self._slipping else ()
             slips = [observation.push_id in self._slipping for observation in observations]
             friction = self._mu_c = FrictionReport.of(estimate, belief, slips)

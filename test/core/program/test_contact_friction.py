@@ -5,7 +5,7 @@ import pytest
 
 from pushfric_core import Observation, Twist
 from pushfric_core.geometry.support import FreeRadii, support_forces
-from pushfric_core.uncertainty.contact_friction import contact_forces, lower_bounds, percentile
+from pushfric_core.program.contact_friction import contact_forces, lower_bounds, percentile
 
 MIDDLE = np.array(((0.0, 0.0),))
 

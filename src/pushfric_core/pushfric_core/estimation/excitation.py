@@ -3,7 +3,7 @@
 import itertools
 import math
 
-from pushfric_core.uncertainty.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason, ReasonCode
 from pushfric_core.wording import counted
 
 FEWEST_PUSHES = 4

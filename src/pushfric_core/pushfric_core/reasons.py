@@ -43,11 +43,7 @@ class ReasonCode(StrEnum):
     CONTACTS_DISPLACED = auto()
 
     # a push is left out
-    TIP_MISMATCH = auto()
-    TIP_DRIFT = auto()
-    MOTION_JUMPS = auto()
-    POSES_DISAGREE = auto()
-    MOMENT_CONTRADICTS = auto()
+    PUSH_CONTRADICTS = auto()
 
 
 class Reason(NamedTuple):
@@ -58,22 +54,3 @@ class Reason(NamedTuple):
 
     def __str__(self) -> str:
         return self.text
-
-
-def line_off_sideways(offset: float) -> Reason:
-    """Contacts seem to lie further along t than they were given: by this much, to the right if it is positive [m]."""
-    side = "right" if offset > 0 else "left"
-    return Reason(
-        ReasonCode.LINE_OFF_SIDEWAYS,
-        f"the object moves as if its contacts were {1e3 * abs(offset):.1f} mm further to the {side}, seen along the push: "
-        "the line is off sideways; measure line_origin and line_direction, or the tip's place, again",
-    )
-
-
-def contacts_displaced(x: float, y: float) -> Reason:
-    """Contacts seem to lie elsewhere in the object frame, by (x, y) [m]."""
-    return Reason(
-        ReasonCode.CONTACTS_DISPLACED,
-        f"the object moves as if its contacts were displaced by ({1e3 * x:.1f}, {1e3 * y:.1f}) mm in the object frame: "
-        "give contacts, outline and velocities in the same frame",
-    )

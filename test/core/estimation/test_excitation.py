@@ -7,8 +7,8 @@ import pytest
 from problems import four_feet
 
 from pushfric_core import Estimator
-from pushfric_core.uncertainty.excitation import FEWEST_PUSHES
-from pushfric_core.uncertainty.reasons import ReasonCode
+from pushfric_core.estimation.excitation import FEWEST_PUSHES
+from pushfric_core.reasons import ReasonCode
 
 FEET = four_feet()
 

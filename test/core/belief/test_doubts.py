@@ -1,5 +1,6 @@
 """Which pushes are left out, and when a change of the object is reported: four observations of each push, with noise."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from problems import observations_of, square
 
 from pushfric_core import Estimator, EstimatorConfig, Support, Twist
 from pushfric_core.geometry.planar import rotation, velocity_at
-from pushfric_core.uncertainty.reasons import ReasonCode
+from pushfric_core.reasons import ReasonCode
 
 POINTS = 0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))
 BEFORE, AFTER = (Support(POINTS, np.array(weights)) for weights in ((0.1, 0.2, 0.3, 0.4), (0.2, 0.1, 0.2, 0.5)))
@@ -45,33 +46,31 @@ def test_good_pushes_change_nothing(seed):
     plain = Estimator(square().grid(4, 4, 0.01))
     expected = plain.add(data)
     assert estimator.rejected == ()
-    assert estimator.verdict(estimate).change is None
+    assert estimate.verdict.change is None
     assert estimate.w == pytest.approx(expected.w, abs=1e-9)
     assert estimate.data_points == len(data)
 
 
 @pytest.mark.parametrize(
-    ("change", "reason"),
+    "change",
     [
-        (lambda one: replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())), "at another speed than the tip"),
-        (
-            lambda one: replace(
-                one, twist=Twist(*(rotation(0.9) @ one.twist[:2]).tolist(), -2 * one.twist.omega), tip_velocity=None
-            ),
-            "contradicts the other pushes",
+        lambda one: replace(one, twist=Twist(*(0.3 * np.array(one.twist)).tolist())),
+        lambda one: replace(
+            one, twist=Twist(*(rotation(0.9) @ one.twist[:2]).tolist(), -2 * one.twist.omega), tip_velocity=None
         ),
     ],
 )
-def test_a_bad_push_is_left_out_and_can_be_kept(change, reason):
+def test_a_bad_push_is_left_out_and_can_be_kept(change):
     data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), change)
     estimator, estimate = taken(data)
     ((push_id, why),) = estimator.rejected
     assert push_id == BAD
-    assert reason in str(why)
+    assert re.search(r"moved the object by \d+\.\d mm and \d+ degrees otherwise than the other pushes foretell", why.text)
     without, _ = taken([one for one in data if one.push_id != BAD])
     assert estimate.data_points == len(data) - 4
-    assert estimate.center_of_friction == pytest.approx(without.estimate().center_of_friction, abs=1e-9)
-    assert estimator.verdict(estimate).use
+    assert estimate.solution == without.estimate().solution
+    assert estimate.belief == without.estimate().belief
+    assert estimate.verdict.use
     assert estimator.keep(BAD).data_points == len(data)
     assert estimator.rejected == ()
 
@@ -79,20 +78,19 @@ def test_a_bad_push_is_left_out_and_can_be_kept(change, reason):
 def all_numbers(estimator):
     """All that an estimate says, to the last bit."""
     estimate = estimator.estimate()
-    return estimate.solution, estimate.belief, estimate.contact_forces, estimate.stamp, estimator.verdict(estimate)
+    return estimate.solution, estimate.belief, estimate.contact_forces, estimate.stamp, estimate.verdict
 
 
 def test_a_push_that_is_excluded_or_kept_on_the_way_leaves_the_bits_as_from_the_start():
     data = spoilt(pushes_of(BEFORE, 14, np.random.default_rng(2)), lambda one: replace(one, twist=Twist(1e-3, 0.0, 0.0)))
     live, from_the_start = (Estimator(square().grid(4, 4, 0.01), SCREENING) for _ in range(2))
     from_the_start.keep(BAD)
-    for observation in data[:40]:
-        live.verdict(live.add(observation))
+    live.add(data[:40])
     assert live.rejected
     live.exclude(3)
     live.keep(BAD)
     for observation in data[40:]:
-        live.verdict(live.add(observation))
+        live.add(observation)
     for observation in data:
         if observation.push_id != 3:
             from_the_start.add(observation)
@@ -104,14 +102,14 @@ def test_a_moved_load_is_found_within_three_pushes(seed):
     rng = np.random.default_rng(10 + seed)
     data = pushes_of(BEFORE, 12, rng) + pushes_of(AFTER, 3, rng, first=12)
     estimator = Estimator(square().grid(4, 4, 0.01), SCREENING)
-    for observation in data:
-        verdict = estimator.verdict(estimator.add(observation))
-        assert verdict.change is None or observation.push_id >= 12
+    for push in range(15):
+        verdict = estimator.add([one for one in data if one.push_id == push]).verdict
+        assert verdict.change is None or push >= 12
     assert abs(verdict.change.since - 12) <= 1
     assert ReasonCode.OBJECT_CHANGED in {one.code for one in verdict.reasons}
     assert not verdict.use
-    unasked, estimate = taken(data)
-    assert unasked.verdict(estimate).change == verdict.change  # however often somebody asked on the way
+    _, estimate = taken(data)
+    assert estimate.verdict.change == verdict.change  # however often somebody asked on the way
     x, y = verdict.change.shift  # by (-16, 0) mm, which three pushes tell only roughly
     assert -0.025 < x < -0.004
-    assert abs(y) < 0.013
+    assert abs(y) < 0.02

@@ -10,7 +10,7 @@ from problems import four_feet
 from pushfric_core import Estimator, Observation, Touch, pushed_motion
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.mechanics.prediction import Kind
-from pushfric_core.uncertainty.contact_friction import Slip
+from pushfric_core.program.contact_friction import Slip
 
 MU = 0.4
 FEET = four_feet()

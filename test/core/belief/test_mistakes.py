@@ -1,0 +1,134 @@
+"""Mistakes in simulated runs of a rectangle on four unequal feet, as the belief names them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.paper.pushes import NOISES, filmed, moved, objects
+from pushfric_core.belief.mistakes import explaining
+from pushfric_core.belief.stretches import size_of, steps_of
+from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.push_plan import even_pushes
+from pushfric_core.geometry.planar import Twist, left_of, velocity_at
+from pushfric_core.reasons import ReasonCode
+from pushfric_core.steps import finished
+
+STUDIED = objects()["unequal_feet"]
+PUSHES = even_pushes(STUDIED.outline, STUDIED.plans["all"])
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The observations of fourteen pushes, as a CSV without the tip's velocity would hold them."""
+    rng = np.random.default_rng(7)
+    data = filmed(STUDIED.outline, moved(STUDIED, PUSHES, rng), NOISES["FEET"], rng)
+    return [replace(one, tip_velocity=None, duration=None) for one in data]
+
+
+def with_twists(run, change):
+    return [replace(one, twist=Twist(*map(float, change(one.twist, one)))) for one in run]
+
+
+def seen_at(point):
+    """The motion of another point of the object."""
+    return lambda t, _: (*(np.array(t[:2]) + t.omega * left_of(np.array(point))), t.omega)
+
+
+MISTAKES = {
+    ReasonCode.OMEGA_NEGATED: lambda t, _: (t.vx, t.vy, -t.omega),
+    ReasonCode.SPEEDS_IN_MILLIMETRES: lambda t, _: (1e3 * t.vx, 1e3 * t.vy, t.omega),
+    ReasonCode.OMEGA_IN_DEGREES: lambda t, _: (t.vx, t.vy, math.degrees(t.omega)),
+    ReasonCode.SPEEDS_SWAPPED: lambda t, _: (t.vy, t.vx, t.omega),
+    ReasonCode.COLUMNS_MIXED: lambda t, _: (t.omega, t.vx, t.vy),
+    ReasonCode.MIRRORED: lambda t, _: (t.vx, -t.vy, -t.omega),
+    ReasonCode.CONTACTS_RECEDE: lambda t, _: (-t.vx, -t.vy, -t.omega),
+    ReasonCode.TWIST_OF_CONTACT: lambda t, one: (*velocity_at(t, one.contact_point), t.omega),
+    ReasonCode.ORIGIN_OFF: seen_at((0.0, 0.02)),
+}
+
+
+def beside(one, offset):
+    """The same, but the contact is said to lie elsewhere along the edge."""
+    return replace(one, contact_point=tuple((np.array(one.contact_point) + offset * left_of(one.contact_normal)).tolist()))
+
+
+def explained(data, points=STUDIED.support_points):
+    size = size_of(points)
+    return finished(explaining(points, steps_of(data, size), size))
+
+
+def test_no_mistake_is_named_in_a_good_run(run):
+    found = explained(run)
+    assert found.mistakes == ()
+    assert 0.004 <= found.misfit < 0.05
+
+
+@pytest.mark.parametrize("code", MISTAKES)
+def test_each_mistake_is_named_first(run, code):
+    first = explained(with_twists(run, MISTAKES[code])).mistakes[0]
+    assert first.reason.code == code
+    assert first.odds > 4
+    assert first.reason.text
+
+
+def test_normals_that_point_inward_are_named_if_all_do_or_some():
+    rng = np.random.default_rng(1)
+    data = filmed(STUDIED.outline, moved(STUDIED, PUSHES, rng), NOISES["FEET"], rng)
+    for every in (1, 3):
+        wrong = [
+            replace(one, contact_normal=tuple((-np.array(one.contact_normal)).tolist())) if one.push_id % every == 0 else one
+            for one in data
+        ]
+        assert explained(wrong).mistakes[0].reason.code == ReasonCode.NORMALS_INWARD
+
+
+def test_a_frame_that_is_off_is_told_where_it_is(run):
+    first = explained(with_twists(run, seen_at((0.0, 0.02)))).mistakes[0]
+    assert first.size == pytest.approx(0.02, abs=0.004)
+    assert "of a point at" in first.reason.text
+
+
+@pytest.mark.parametrize(("offset", "side"), [(0.004, "left"), (-0.004, "right")])
+def test_a_line_that_is_off_sideways_is_told_with_its_size(offset, side):
+    rng = np.random.default_rng(3)
+    data = filmed(STUDIED.outline, moved(STUDIED, PUSHES, rng), NOISES["FEET"], rng)
+    first = explained([beside(one, offset) for one in data]).mistakes[0]
+    assert first.reason.code == ReasonCode.LINE_OFF_SIDEWAYS
+    assert first.size == pytest.approx(0.004, abs=0.001)
+    assert f"mm further to the {side}" in first.reason.text
+
+
+def test_supports_that_leave_out_what_bears_the_object_are_told(run):
+    within = 0.3 * STUDIED.support_points
+    assert explained(run, within).mistakes[0].reason.code == ReasonCode.SUPPORT_TOO_SMALL
+
+
+def test_two_fingers_are_told_and_with_their_half_width_they_are_none(run):
+    """Each pushes with what is nearer to the middle of the long edge by up to 20 mm, where it was said to be between them."""
+    rng = np.random.default_rng(0)
+    between = [
+        replace(
+            one,
+            contact_point=tuple(
+                (np.array(one.contact_point) + rng.uniform(-0.02, 0.02) * left_of(one.contact_normal)).tolist()
+            ),
+        )
+        for one in run
+    ]
+    assert explained(between).mistakes[0].reason.code == ReasonCode.TWO_FINGERS
+    assert explained([replace(one, half_width=0.02) for one in between]).mistakes == ()
+
+
+def test_the_verdict_names_the_likeliest_first(run):
+    wrong = with_twists(run, MISTAKES[ReasonCode.SPEEDS_SWAPPED])
+    estimator = Estimator(STUDIED.support_points)
+    verdict = estimator.add(wrong).verdict
+    assert not verdict.use
+    first, *others = verdict.reasons
+    assert first.code == ReasonCode.SPEEDS_SWAPPED
+    assert first.text == "vx and vy are swapped: swap their columns"
+    assert len(others) <= 1
+    assert estimator.add(wrong[0]).verdict.reasons[0].code == ReasonCode.SPEEDS_SWAPPED
+    assert Estimator(STUDIED.support_points).add(run).verdict.use
