@@ -1,7 +1,7 @@
 """All that is said about a run: what is believed, and what speaks against its data."""
 
 import math
-from collections.abc import Container, Generator, Sequence
+from collections.abc import Collection, Generator, Sequence
 from typing import NamedTuple
 
 from pushfric_core.belief.believe import drawn
@@ -44,13 +44,15 @@ class Judgement(NamedTuple):
     doubts: Doubts = Doubts()
 
 
-def judging(points: Array, observations: Sequence[Observation], kept: Container[int] = ()) -> Generator[None, None, Judgement]:
+def judging(
+    points: Array, observations: Sequence[Observation], kept: Collection[int] | None = ()
+) -> Generator[None, None, Judgement]:
     """Judge a run; pauses after each step, for a program that has other things to do meanwhile.
 
     Args:
         points: (n, 2) support points [m].
         observations: m, whose order does not matter.
-        kept: pushes that are not left out, whatever speaks against them.
+        kept: pushes that are not left out, whatever speaks against them; None: all.
     """
     size = size_of(points)
     mode = yield from finding(points, steps_of(observations, size), size)
@@ -63,8 +65,8 @@ def judging(points: Array, observations: Sequence[Observation], kept: Container[
             (change, _), mistakes = found, ()
         yield
         # to leave pushes out is no remedy for wrong units or signs, nor for another object
-        sound = mode is not None and all(math.isfinite(one.size) for one in mistakes)
-        bad = [one for one in bad_pushes(mode) if one.push_id not in kept] if sound and mode is not None else []
+        sound = kept is not None and all(math.isfinite(one.size) for one in mistakes)
+        bad = [one for one in bad_pushes(mode) if one.push_id not in (kept or ())] if sound and mode is not None else []
         rejected = [one for one in bad if change is None or one.push_id < change.since]
         doubts = Doubts(tuple(rejected), change, mistakes, misfit)
         yield

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import importlib.util
-from collections.abc import Container, Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -54,7 +54,7 @@ class Estimate:
         observations: those that it rests on; in order of arrival, except that those of a push that came back are the last.
         rejected: the pushes that are left out because the others contradict them, each with the reason.
         outline: of the object; None: the estimator does not know it.
-        kept: pushes that are not left out, whatever speaks against them.
+        kept: pushes that are not left out, whatever speaks against them; None: all.
 
     Example:
         >>> from pushfric_core import Estimator, Observation, Twist
@@ -82,7 +82,7 @@ class Estimate:
     observations: Observations = field(default_factory=Observations, compare=False)
     rejected: tuple[Rejected, ...] = ()
     outline: Outline | None = field(default=None, compare=False)
-    kept: Container[int] = field(default=(), compare=False)
+    kept: Sequence[int] | None = field(default=(), compare=False)
 
     @property
     def w(self) -> Array:

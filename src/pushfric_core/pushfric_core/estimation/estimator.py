@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Container, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +33,7 @@ from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.program import Loss, Optimum, Solver
 from pushfric_core.steps import finished
-from pushfric_core.trajectories.observation import PUSH_IDS, Observation
+from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 from pushfric_core.wording import counted, observations_of
 
@@ -367,8 +367,8 @@ class Estimator:
         return self._judged == len(self._seen)
 
     @property
-    def _never_rejected(self) -> Container[int]:
-        return self._kept if self._rejects else range(PUSH_IDS)
+    def _never_rejected(self) -> tuple[int, ...] | None:
+        return tuple(sorted(self._kept)) if self._rejects else None
 
     def _estimate(self) -> Estimate:
         solution = self._solve()
