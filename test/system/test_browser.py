@@ -346,7 +346,7 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
         observations.publish(observation)
     reason = "it moves otherwise than the others say"
     left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL)
-    left.rejected = [RejectedPush(push_id=1, reason=Reason(code=Reason.MOMENT_CONTRADICTS, text=reason))]
+    left.rejected = [RejectedPush(push_id=1, reason=Reason(code=Reason.PUSH_CONTRADICTS, text=reason))]
     left.header.stamp.sec = 1
     left.change = ObjectChange(since_push=1)
     estimates.publish(left)

@@ -45,7 +45,7 @@ def folder(tmp_path, monkeypatch):
     points = np.array(file.object.support.points)
     left = np.where(points[:, 0] < 0, 1.0, 0.0)  # as if the object stood only on its left side
     x, y = (left @ points / left.sum()).tolist()
-    other = {"w": (left / left.sum()).tolist(), "center_of_friction": (x, y), "ensemble": ()}
+    other = {"w": (left / left.sum()).tolist(), "center_of_friction": (x, y)}
     save_model(file.model_copy(update=other), tmp_path / "models" / "left.yaml")
     return tmp_path
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from problems import three_feet
 
-from pushfric_core import Estimator, EstimatorConfig, InvalidInput, Observation, Pose, Twist, friction_model
+from pushfric_core import Estimator, EstimatorConfig, InvalidInput, Observation, Pose, Twist, friction_model, load
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import ObservationEntry, load_model, make_model, save_model
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object
@@ -75,8 +75,7 @@ def test_all_that_a_data_point_brings_is_kept(tmp_path):
     ("change", "expected"),
     [
         ({"w": [1.0]}, "expected w of 21 weights with sum 1, got 1"),
-        ({"format": 2}, "expected a model of format 1, got format 2"),
-        ({"ensemble": [{"w": [1.0], "mu_c": 0.3, "weight": 1.0}]}, r"expected ensemble.0.w of 21 weights"),
+        ({"format": 1}, "expected a model of format 2, got format 1"),
         (
             {"object": ObjectFile(name="x", outline=FILE.outline).model_dump(mode="json")},
             "expected the support of the object as",
@@ -94,6 +93,27 @@ def test_a_file_that_makes_no_sense_is_refused_with_one_line(path, change, expec
         load_model(path)
     assert str(refused.value).startswith(str(path))
     assert "\n" not in str(refused.value)
+
+
+def test_samples_that_fit_no_support_are_refused(path):
+    content = yaml.safe_load(path.read_text())
+    content["belief"]["samples"] = [{"w": [1.0], "mu_c": 0.3, "weight": 1.0}]
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InvalidInput, match=r"expected belief\.samples\.0\.w of 21 weights with sum 1, got 1"):
+        load_model(path)
+
+
+def test_a_model_is_loaded_with_the_names_of_the_json_of_an_estimate(path):
+    _, estimate, _ = estimated(PROBLEM.observations)
+    told, found = estimate.to_dict(), load(path)
+    for names, of in ((told, found), (told["belief"], found.belief)):
+        for name in ("w", "center_of_friction"):
+            assert list(getattr(of, name)) == names[name]
+    belief = told["belief"]
+    assert (np.array(found.belief.covariance).tolist(), found.belief.radius) == (belief["covariance"], belief["radius"])
+    mu_c = found.belief.mu_c
+    assert {"value": mu_c.value, "interval": list(mu_c.interval), "kind": mu_c.kind} == belief["mu_c"]
+    assert mu_c.interval[1] == math.inf
 
 
 def test_nothing_is_left_where_nothing_can_be_written(path, tmp_path):

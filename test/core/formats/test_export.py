@@ -105,12 +105,13 @@ def model_file(tmp_path):
         Observation(contact, normal, Twist(0.0, -0.02 * normal[1], turn), k) for k, (contact, normal, turn) in enumerate(pushes)
     ]
     points = len(known.support_points)
-    ensemble = [SampleFile(w=np.eye(points)[[k, -1 - k]].mean(axis=0).tolist(), mu_c=0.3, weight=0.5) for k in (0, 1)]
+    samples = [SampleFile(w=np.eye(points)[[k, -1 - k]].mean(axis=0).tolist(), mu_c=0.3, weight=0.5) for k in (0, 1)]
     model = make_model(known, Estimator(known.support_points).add(data), "a test", EstimatorSettings())
     path = tmp_path / "model.yaml"
     before = os.umask(0o027)
     try:
-        save_model(model.model_copy(update={"ensemble": tuple(ensemble)}), path)
+        belief = model.belief.model_copy(update={"samples": tuple(samples)})
+        save_model(model.model_copy(update={"belief": belief}), path)
     finally:
         os.umask(before)
     return path
@@ -135,9 +136,9 @@ def test_the_command_writes_the_mean_or_samples(model_file, tmp_path):
     with pytest.raises(InvalidInput, match="the folder cannot be created: "):
         printed("export", model_file, "--to", "mjcf", "--out", model_file)
     content = yaml.safe_load(model_file.read_text())
-    del content["ensemble"]
+    content["belief"]["samples"] = [content["belief"]["samples"][0] | {"weight": 1.0}]
     model_file.write_text(yaml.safe_dump(content))
-    with pytest.raises(InvalidInput, match="has no ensemble to draw 12 models from"):
+    with pytest.raises(InvalidInput, match="has a single sample, not some to draw 12 models from"):
         printed("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
 
 
@@ -148,11 +149,11 @@ def test_a_model_keeps_its_verdict_and_has_the_mode_of_the_umask(model_file):
     assert any(reason in file.rests_on for reason in (*file.made.verdict, "may be used"))
 
 
-def test_a_model_of_another_version_is_refused_and_one_without_is_version_1(model_file):
+def test_a_model_of_another_version_is_refused_and_one_without_is_of_this(model_file):
     content = yaml.safe_load(model_file.read_text())
-    assert content.pop("format") == 1
+    assert content.pop("format") == 2
     model_file.write_text(yaml.safe_dump(content))
-    assert load_model(model_file)[0].format == 1
-    model_file.write_text(yaml.safe_dump({**content, "format": 2, "news": 1}))
-    with pytest.raises(InvalidInput, match=r"model.yaml: expected a model of format 1, got format 2"):
+    assert load_model(model_file)[0].format == 2
+    model_file.write_text(yaml.safe_dump({**content, "format": 3, "news": 1}))
+    with pytest.raises(InvalidInput, match=r"model.yaml: expected a model of format 2, got format 3"):
         load_model(model_file)

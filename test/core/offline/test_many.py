@@ -100,7 +100,7 @@ def test_the_numbers_are_those_of_a_single_estimate(inputs, tmp_path):
     estimate(inputs / "run_1.csv", inputs / "run_2.csv", *options, "--out", out, "--jobs", 1)
     single = json.loads(estimate(inputs / "run_2.csv", *options, "--json").stdout)
     row = table_of(out)["run_2.csv"]
-    assert [float(row["p_cf_x"]), float(row["p_cf_y"])] == single["middle"]["center_of_friction"]
+    assert [float(row["p_cf_x"]), float(row["p_cf_y"])] == single["belief"]["center_of_friction"]
     assert float(row["objective"]) == single["objective"]
     assert int(row["data_points"]) == single["data_points"] == 11
     model, _ = load_model(out / row["model"])
@@ -139,7 +139,7 @@ def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):
     rows = table_of(tmp_path / "out")
     single = json.loads(estimate(BAG, "--json").stdout)
     for name in ("a", "b"):
-        assert [float(rows[name]["p_cf_x"]), float(rows[name]["p_cf_y"])] == single["middle"]["center_of_friction"]
+        assert [float(rows[name]["p_cf_x"]), float(rows[name]["p_cf_y"])] == single["belief"]["center_of_friction"]
         assert (tmp_path / "out" / rows[name]["model"]).is_file()
 
 

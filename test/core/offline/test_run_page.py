@@ -54,7 +54,7 @@ def test_the_page_holds_every_moment_of_the_run(page):
     assert [moment["predicted"] is None for moment in moments] == [moment["push"] == 0 for moment in moments]
     assert moments[-1]["off"] < 1.0  # [degree], of a simulated object
     assert story["estimate"]["data_points"] == 72
-    assert story["estimate"]["verdict"]["use"]
+    assert story["estimate"]["belief"]["verdict"]["use"]
     assert len(story["support/rubber_rect4"]) == len(moments[0]["after"]["w"])
     assert story["plan"]["phase"] == "finished"
 

@@ -182,10 +182,12 @@ def planned(source, folder, *options):
 def by_command(source, model, folder, *options):
     """The answers of the commands to a CSV or a bag."""
     estimate, region = figures("estimate", source, *options), figures("region", source, *options)
+    belief = estimate["belief"]
     answers = planned(source, folder, *options) | {
-        "estimate": {key: estimate.get(key) for key in ("objective", "w", "center_of_friction", "confidence", "data_points")}
-        | {"mu_c": [estimate["mu_c"]["p90"], estimate["mu_c"]["value"], estimate["mu_c"]["interval"][0]]}
-        | {"use": estimate["verdict"]["use"], "rejected": [one["push"] for one in estimate["rejected"]]},
+        "estimate": {key: estimate[key] for key in ("objective", "w", "center_of_friction", "data_points")}
+        | {"mu_c": [estimate["mu_c"]["p90"], belief["mu_c"]["value"], belief["mu_c"]["interval"][0]]}
+        | {"confidence": belief.get("radius"), "use": belief["verdict"]["use"]}
+        | {"rejected": [one["push"] for one in belief["rejected"]]},
         "region": {key: region[key] for key in ("area", "center_of_friction", "polygon")},
         "next push": [[one[key] for key in ("edge", "offset", "angle", "expected_area")] for one in region["next_pushes"]],
     }

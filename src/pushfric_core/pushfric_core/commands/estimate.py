@@ -109,7 +109,7 @@ def _one(
         save_model(estimation.to_model(), save)
     figures = estimation.figures()
     if samples:
-        figures["samples"] = ensemble(result)
+        figures["belief"]["samples"] = ensemble(result)
     if ledger is not None:
         figures["ledger"] = account(estimation.ledger)
     if ledger == STDOUT:

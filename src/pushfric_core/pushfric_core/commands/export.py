@@ -30,7 +30,7 @@ def export(
         float | None, typer.Option(help=f"Of the object [m]; by default its own, or {HEIGHT:g}.", show_default=False)
     ] = None,
     samples: Annotated[
-        int | None, typer.Option(help="Write this many models of the ensemble instead of the mean.", min=1, show_default=False)
+        int | None, typer.Option(help="Write this many of the belief's samples instead of the mean.", min=1, show_default=False)
     ] = None,
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write to.")] = pathlib.Path("."),
     object_name: ObjectOption = "",
@@ -41,7 +41,7 @@ def export(
     make_folder(out)
     friction = file.friction()
     if samples is not None and len(friction.w) == 1:
-        raise InvalidInput(f"{model}: has no ensemble to draw {samples} models from; leave out --samples")
+        raise InvalidInput(f"{model}: has a single sample, not some to draw {samples} models from; leave out --samples")
     names = [pushed.name] if samples is None else [f"{pushed.name}_{k:0{len(str(samples - 1))}}" for k in range(samples)]
     for name, one in zip(names, [friction] if samples is None else friction.drawn(samples), strict=True):
         try:

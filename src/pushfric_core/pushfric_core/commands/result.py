@@ -50,7 +50,7 @@ def _lines(figures: dict[str, Any], loss: Loss) -> Iterator[str]:
     if "slips" in figures["mu_c"]:
         yield "slip   " + ", ".join(f"{state} {count}" for state, count in figures["mu_c"]["slips"].items())
     yield f"from   {data_of(figures['data_points'], figures['pushes'])}"
-    for one in figures["rejected"]:
+    for one in figures["belief"]["rejected"]:
         yield f"       push {one['push']} is left out: {one['reason']['text']}"
 
 

@@ -171,32 +171,40 @@ class EstimateReport:
             figures["mu_c"]["slipping"] = list(friction.slipping)
         if self.total_friction is not None:
             figures["total_friction"] = self.total_friction
-        if self.confidence is not None:
-            figures["confidence"] = self.confidence
-        if self.spread is not None:
-            figures["center_of_friction_covariance"] = self.spread.covariance.tolist()
-            figures["w_intervals"] = self.spread.intervals.tolist()
-            center = (self.spread.middle @ self.support_points).tolist()
-            figures["middle"] = {"w": self.spread.middle.tolist(), "center_of_friction": center}
-        if (mu_c := friction.mu_c) is not None:
-            figures["mu_c"] |= {"value": mu_c.value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind.value}
         if friction.slips:
             figures["mu_c"]["slips"] = dict(zip(SLIP_NAMES, friction.slips, strict=True))
+        return figures | {"belief": self._belief()}
+
+    def _belief(self) -> dict[str, Any]:
+        """All that claims how far it may be off, and the verdict."""
+        belief: dict[str, Any] = {}
+        if self.spread is not None:
+            spread = self.spread
+            belief |= {
+                "center_of_friction": (spread.middle @ self.support_points).tolist(),
+                "covariance": spread.covariance.tolist(),
+                "radius": self.confidence,
+                "w": spread.middle.tolist(),
+                "w_intervals": spread.intervals.tolist(),
+            }
+        if (mu_c := self.friction.mu_c) is not None:
+            belief["mu_c"] = {"value": mu_c.value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind.value}
         reasons, notes = ([one._asdict() for one in found] for found in (self.reasons, self.notes))
-        figures["verdict"] = {"use": not self.reasons, "reasons": reasons, "notes": notes}
-        figures["rejected"] = [{"push": one.push_id, "reason": one.reason._asdict()} for one in self.rejected]
-        if self.change is not None:
-            figures["change"] = {"since_push": self.change.since, "shift": list(self.change.shift)}
-        return figures
+        belief["verdict"] = {"use": not self.reasons, "reasons": reasons, "notes": notes}
+        belief["rejected"] = [{"push": one.push_id, "reason": one.reason._asdict()} for one in self.rejected]
+        change = self.change
+        belief["change"] = None if change is None else {"since_push": change.since, "shift": list(change.shift)}
+        return belief
 
 
 def center_line(figures: dict[str, Any]) -> str:
     """p_CF in words, from what `EstimateReport.to_dict` gives: what is believed, and the optimum of the program."""
     x, y = (1e3 * value for value in figures["center_of_friction"])
-    if "middle" not in figures:
+    belief = figures["belief"]
+    if "radius" not in belief:
         return f"p_CF   ({x:z.2f}, {y:z.2f}) mm by the program"
-    u, v = (1e3 * value for value in figures["middle"]["center_of_friction"])
-    believed = f"p_CF   ({u:z.2f}, {v:z.2f}) mm, within {figures['confidence'] * 1e3:.2f} mm with 90 % probability"
+    u, v = (1e3 * value for value in belief["center_of_friction"])
+    believed = f"p_CF   ({u:z.2f}, {v:z.2f}) mm, within {belief['radius'] * 1e3:.2f} mm with 90 % probability"
     return f"{believed}; ({x:z.2f}, {y:z.2f}) mm by the program"
 
 
@@ -205,12 +213,12 @@ def contact_friction_line(figures: dict[str, Any]) -> str:
     mu = figures["mu_c"]
     slipping = "; {:.3f} to {:.3f} in the pushes that slipped".format(*mu["slipping"]) if "slipping" in mu else ""
     bounds = f"lower bounds up to {mu['max']:.3f}, 90 % of them up to {mu['p90']:.3f}"
-    return f"mu_c   {_coefficient(mu)}{bounds}{slipping}"
+    return f"mu_c   {_coefficient(figures['belief'].get('mu_c'))}{bounds}{slipping}"
 
 
-def _coefficient(mu: dict[str, Any]) -> str:
+def _coefficient(mu: dict[str, Any] | None) -> str:
     """The belief, in front of the bounds."""
-    if "interval" not in mu:
+    if mu is None:
         return ""
     low, high = mu["interval"]
     if mu["value"] is None:

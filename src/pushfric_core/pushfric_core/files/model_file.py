@@ -1,7 +1,6 @@
 """A saved model, as a YAML file: what was learned about an object, to predict with and to continue from."""
 
 import importlib.metadata
-import math
 import pathlib
 import platform
 from dataclasses import replace
@@ -18,7 +17,7 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.file_errors import as_named_here, shortened
 from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml, within
 from pushfric_core.files.whole_file import write_whole
-from pushfric_core.geometry.planar import Array, Pose, Twist
+from pushfric_core.geometry.planar import Pose, Twist
 from pushfric_core.mechanics.prediction import FrictionModel, Kind
 from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
@@ -26,7 +25,7 @@ from pushfric_core.trajectories.observation import PUSH_IDS, Observation
 from pushfric_core.wording import observations_of
 
 SUFFIXES = (".yaml", ".yml")
-FORMAT = 1
+FORMAT = 2
 VERSIONED = ("pushfric_core", "numpy", "scipy")
 """Packages whose versions a model names."""
 
@@ -40,9 +39,11 @@ Positive = Annotated[float, pydantic.Field(ge=0)]
 class ContactFrictionFile(Strict):
     """mu_c."""
 
-    value: Positive  # what predictions use
-    interval: tuple[Positive, Positive | None] | None = None  # holds the truth with 90 %; a bound has no upper end
-    kind: str = "bound"  # bound: observations bound it from below; slip: sliding ones gave it; force: measured forces did
+    model_config = pydantic.ConfigDict(use_enum_values=True)
+
+    value: Positive | None = None  # None: it is only bounded
+    interval: tuple[Positive, Annotated[float, pydantic.Field(ge=0, allow_inf_nan=True)]]  # holds the truth with 90 %
+    kind: Kind
 
 
 class SampleFile(Strict):
@@ -69,6 +70,18 @@ class ObservationEntry(Strict):
     depth: float | None = None
 
 
+class BeliefFile(Strict):
+    """What is believed, under the same names as in the JSON of `estimate`."""
+
+    center_of_friction: Point  # p_CF [m]
+    covariance: tuple[Point, Point] | None = None  # of p_CF [m^2]
+    radius: Positive | None = None  # about p_CF, holds the true one with 90 % [m]
+    w: Annotated[list[Share], pydantic.Field(min_length=1)]  # the mean
+    mu_c: ContactFrictionFile | None = None  # None: nothing was measured
+    misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.FrictionModel [rad]
+    samples: Annotated[tuple[SampleFile, ...], pydantic.Field(min_length=1)]  # what predictions use
+
+
 class MadeFile(Strict):
     """How a model was made."""
 
@@ -82,19 +95,16 @@ class MadeFile(Strict):
 
 
 class ModelFile(Strict):
-    """The file. w, mu_c, misfit and ensemble follow from the observations; they stand here for readers that only predict."""
+    """The file. All but the object follows from the observations; it stands here for readers that only predict."""
 
     format: int = FORMAT
     object: ObjectFile  # with the support points that the weights belong to
-    w: Annotated[list[Share], pydantic.Field(min_length=1)]
-    center_of_friction: Point  # p_CF [m]
-    covariance: tuple[Point, Point] | None = None  # of p_CF [m^2]
-    mu_c: ContactFrictionFile
+    w: Annotated[list[Share], pydantic.Field(min_length=1)]  # of the program
+    center_of_friction: Point  # ... and its p_CF [m]
+    belief: BeliefFile
     total_friction: Annotated[float, pydantic.Field(ge=0), within(STRONGEST, "N")] | None = (
         None  # [N]; only from observations with measured forces
     )
-    misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.FrictionModel [rad]
-    ensemble: tuple[SampleFile, ...] = ()
     made: MadeFile
     versions: dict[str, str] = pydantic.Field(default_factory=dict)
     data_points: tuple[ObservationEntry, ...] = ()
@@ -114,23 +124,21 @@ class ModelFile(Strict):
         if self.object.support.points is None:
             raise ValueError("expected the support of the object as points")
         n = len(self.object.support.points)
-        for name, w in [("w", self.w)] + [(f"ensemble.{k}.w", sample.w) for k, sample in enumerate(self.ensemble)]:
+        samples = [(f"belief.samples.{k}.w", sample.w) for k, sample in enumerate(self.belief.samples)]
+        for name, w in [("w", self.w), ("belief.w", self.belief.w), *samples]:
             if len(w) != n or abs(sum(w) - 1) > SUM / 2:  # stricter than FrictionModel, in whatever order it adds
                 raise ValueError(f"expected {name} of {n} weights with sum 1, got {len(w)} with sum {sum(w):g}")
-        if self.ensemble and abs(sum(sample.weight for sample in self.ensemble) - 1) > SUM / 2:
-            raise ValueError("expected the weights of the ensemble to have the sum 1")
+        if abs(sum(sample.weight for sample in self.belief.samples) - 1) > SUM / 2:
+            raise ValueError("expected the weights of belief.samples to have the sum 1")
         return self
 
     def friction(self) -> FrictionModel:
-        """The model that predicts: from the ensemble if there is one."""
-        points = np.array(self.object.support.points)
-        covariance = None if self.covariance is None else np.array(self.covariance)
-        kind = None if self.mu_c.interval is None else Kind(self.mu_c.kind)
-        learned = self.misfit, covariance, kind, self.made.data_points
-        if not self.ensemble:
-            return FrictionModel(points, np.array((self.w,)), np.array((self.mu_c.value,)), np.ones(1), *learned)
-        w, mu_c, share = ([getattr(sample, name) for sample in self.ensemble] for name in ("w", "mu_c", "weight"))
-        return FrictionModel(points, np.array(w), np.array(mu_c), np.array(share), *learned)
+        """The model that predicts."""
+        belief, points = self.belief, np.array(self.object.support.points)
+        covariance = None if belief.covariance is None else np.array(belief.covariance)
+        kind = None if belief.mu_c is None else Kind(belief.mu_c.kind)
+        w, mu_c, share = (np.array([getattr(sample, name) for sample in belief.samples]) for name in ("w", "mu_c", "weight"))
+        return FrictionModel(points, w, mu_c, share, belief.misfit, covariance, kind, self.made.data_points)
 
     @property
     def rests_on(self) -> str:
@@ -170,7 +178,7 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
     """
     friction = friction_model(estimate)
     points = [(float(x), float(y)) for x, y in estimate.support_points]
-    x, y = friction.center_of_friction.tolist()
+    x, y = estimate.center_of_friction.tolist()
     made = MadeFile(
         source=source,
         data_points=estimate.data_points,
@@ -184,33 +192,30 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
         object=model.file.model_copy(update={"support": SupportFile(points=points)}),
         w=np.clip(estimate.w, 0.0, 1.0).tolist(),
         center_of_friction=(x, y),
-        covariance=None if friction.covariance is None else _covariance(friction.covariance),
-        mu_c=_contact_friction(friction),
+        belief=_belief(friction),
         total_friction=estimate.total_friction,
-        misfit=friction.misfit,
-        ensemble=_ensemble(friction),
         made=made,
         versions={"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in VERSIONED},
         data_points=tuple(map(_entry, estimate.observations)),
     )
 
 
-def _covariance(matrix: Array) -> tuple[Point, Point]:
-    (a, b), (c, d) = matrix.tolist()
-    return (a, b), (c, d)
-
-
-def _contact_friction(friction: FrictionModel) -> ContactFrictionFile:
-    known = friction.known_mu_c
-    if known is None:
-        return ContactFrictionFile(value=friction.mean_mu_c)
-    high = known.high if math.isfinite(known.high) else None
-    return ContactFrictionFile(value=friction.mean_mu_c, interval=(known.low, high), kind=known.kind.value)
-
-
-def _ensemble(friction: FrictionModel) -> tuple[SampleFile, ...]:
-    samples = zip(friction.w, friction.mu_c, friction.share, strict=True)
-    return tuple(SampleFile(w=w.tolist(), mu_c=float(mu_c), weight=float(share)) for w, mu_c, share in samples)
+def _belief(friction: FrictionModel) -> BeliefFile:
+    known, (x, y) = friction.known_mu_c, friction.center_of_friction.tolist()
+    samples = zip(friction.w.tolist(), friction.mu_c.tolist(), friction.share.tolist(), strict=True)
+    covariance = None
+    if friction.covariance is not None:
+        (a, b), (c, d) = friction.covariance.tolist()
+        covariance = (a, b), (c, d)
+    return BeliefFile(
+        center_of_friction=(x, y),
+        covariance=covariance,
+        radius=friction.confidence,
+        w=friction.support.weights.tolist(),
+        mu_c=known and ContactFrictionFile(value=known.value, interval=(known.low, known.high), kind=known.kind),
+        misfit=friction.misfit,
+        samples=tuple(SampleFile(w=w, mu_c=mu_c, weight=weight) for w, mu_c, weight in samples),
+    )
 
 
 def _entry(observation: Observation) -> ObservationEntry:

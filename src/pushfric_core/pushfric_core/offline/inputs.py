@@ -11,6 +11,7 @@ from pushfric_core.bags.recorded import Recorded, beside, check_source
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.model_file import SUFFIXES, ModelFile, load_model
 from pushfric_core.files.object_file import (
     OBJECT_FILE,
     ObjectModel,
@@ -98,13 +99,16 @@ class Recording(Observations):
 
 def load(
     source: str | os.PathLike[str], object: str | os.PathLike[str] = "", partial: bool = False, namespace: str | None = None
-) -> Recording:
+) -> Recording | ModelFile:
     """The observations of a bag or a CSV, with the object that was pushed: what `pushfric estimate` estimates from.
+
+    Of a saved model, the file itself, with the names of the JSON of `estimate` as attributes.
 
     A warning (UserWarning) names each message that is refused, and whatever does not add up in the bag.
 
     Args:
-        source: the bag (folder or .mcap), or the CSV of observations (docs/files.md), object frame, SI units.
+        source: the bag (folder or .mcap), or the CSV of observations (docs/files.md), object frame, SI units; or the model
+            that `estimate --save` has written (.yaml).
         object: an object of Table 1 by name, or the path of its YAML; may be left out for a bag with object.yaml next to it.
         partial: accept a bag from which messages are missing.
         namespace: of the cell; None: the bag has only one.
@@ -123,6 +127,8 @@ def load(
         (1, (15, 2))
     """
     path = pathlib.Path(source)
+    if path.suffix in SUFFIXES and not path.is_dir():
+        return load_model(path)[0]
     model, _ = object_of(path, os.fspath(object), "object='OBJ.yaml'")
     recorded = Recorded(path, namespace)
     said: list[str] = []

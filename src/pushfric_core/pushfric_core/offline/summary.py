@@ -21,7 +21,7 @@ def mark_outliers(lines: Sequence[Line]) -> list[Line]:
     for group in by_object(lines).values():
         points = [_center(line) for line in group]
         errors = [line["objective"] / max(line["data_points"], 1) for line in group]
-        for line, reasons in zip(group, differing(points, errors, [line["mu_c"].get("value") for line in group]), strict=True):
+        for line, reasons in zip(group, differing(points, errors, [_mu_c(line) for line in group]), strict=True):
             if reasons:
                 marked[line["input"]]["differs"] = reasons
     return list(marked.values())
@@ -29,7 +29,13 @@ def mark_outliers(lines: Sequence[Line]) -> list[Line]:
 
 def _center(line: Line) -> list[float]:
     """The belief's p_CF; that of the program if the pushes do not show how far it is off."""
-    known: list[float] = line.get("middle", line)["center_of_friction"]
+    known: list[float] = line["belief"].get("center_of_friction", line["center_of_friction"])
+    return known
+
+
+def _mu_c(line: Line) -> float | None:
+    """The belief's mu_c; None if it is only bounded."""
+    known: float | None = line["belief"].get("mu_c", {}).get("value")
     return known
 
 
@@ -37,16 +43,17 @@ def by_object(lines: Sequence[Line]) -> dict[str, list[Line]]:
     """The estimates that may be used, by the name of their object."""
     groups = defaultdict(list)
     for line in lines:
-        if line.get("verdict", {}).get("use"):
+        if "belief" in line and line["belief"]["verdict"]["use"]:
             groups[line["object"]].append(line)
     return dict(sorted(groups.items()))
 
 
 def counts(lines: Sequence[Line]) -> dict[str, int]:
     """How many inputs there are, and what became of them."""
-    states = Counter("broken" if "error" in line else "usable" if line["verdict"]["use"] else "not_usable" for line in lines)
+    use = Counter(None if "error" in line else line["belief"]["verdict"]["use"] for line in lines)
+    states = {"usable": use[True], "not_usable": use[False], "broken": use[None]}
     outliers = sum("differs" in line for line in lines)
-    return {"inputs": len(lines), "outliers": outliers} | {name: states[name] for name in ("usable", "not_usable", "broken")}
+    return {"inputs": len(lines), "outliers": outliers} | states
 
 
 def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
@@ -81,8 +88,8 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
     text += _list("Outliers", [(line, "; ".join(line["differs"])) for line in lines if "differs" in line])
     if any(len(group) < FEWEST for group in groups.values()):
         text += [f"An object needs at least {FEWEST} estimates before outliers are looked for.", ""]
-    doubtful = [line for line in lines if "verdict" in line and not line["verdict"]["use"]]
-    reasons = (" ".join(reason["text"] for reason in line["verdict"]["reasons"]) for line in doubtful)
+    doubtful = [line for line in lines if "belief" in line and not line["belief"]["verdict"]["use"]]
+    reasons = (" ".join(reason["text"] for reason in line["belief"]["verdict"]["reasons"]) for line in doubtful)
     text += _list("Not to be used", list(zip(doubtful, reasons, strict=True)))
     text += _list("Broken inputs", [(line, line["error"]) for line in lines if "error" in line])
     text += _list("Warnings", [(line, warning) for line in lines for warning in line["warnings"]])
@@ -103,7 +110,7 @@ def _row(name: str, group: Sequence[Line]) -> str:
     points = 1e3 * np.array([_center(line) for line in group])
     x, y = middle = np.median(points, axis=0)
     within = np.median(np.linalg.norm(points - middle, axis=1))
-    values = [line["mu_c"]["value"] for line in group if line["mu_c"].get("value") is not None]
+    values = [value for line in group if (value := _mu_c(line)) is not None]
     mu_c = f"{np.median(values):.3f}" if values else "-"
     outliers = sum("differs" in line for line in group)
     return f"| {name} | {len(group)} | {x:.2f} | {y:.2f} | {within:.2f} | {mu_c} | {outliers} |"

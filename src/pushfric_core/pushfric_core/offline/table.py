@@ -32,28 +32,28 @@ def _number(*keys: str | int) -> Callable[[Line], float | None]:
 
 def _believed(axis: int) -> Callable[[Line], float | None]:
     """A coordinate of the belief's p_CF; that of the program if the pushes do not show how far it is off."""
-    found = _number("center_of_friction", axis)
-    return lambda line: found(line.get("middle", line))
+    believed, by_program = _number("belief", "center_of_friction", axis), _number("center_of_friction", axis)
+    return lambda line: by_program(line) if believed(line) is None else believed(line)
 
 
-COVARIANCE = "center_of_friction_covariance"
+COVARIANCE = "belief", "covariance"
 
 COLUMNS: dict[str, Callable[[Line], Any]] = {
     "input": _at("input"),
     "object": _at("object"),
     "status": _at("status"),
-    "use": _at("verdict", "use"),
+    "use": _at("belief", "verdict", "use"),
     "error": _at("error"),
-    "reasons": lambda line: " ".join(one["code"] for one in line["verdict"]["reasons"]) if "verdict" in line else None,
+    "reasons": lambda line: " ".join(one["code"] for one in line["belief"]["verdict"]["reasons"]) if "belief" in line else None,
     "p_cf_x": _believed(0),
     "p_cf_y": _believed(1),
-    "var_x": _number(COVARIANCE, 0, 0),
-    "var_y": _number(COVARIANCE, 1, 1),
-    "cov_xy": _number(COVARIANCE, 0, 1),
-    "mu_c": _number("mu_c", "value"),
-    "mu_c_low": _number("mu_c", "interval", 0),
-    "mu_c_high": _number("mu_c", "interval", 1),
-    "mu_c_kind": _at("mu_c", "kind"),
+    "var_x": _number(*COVARIANCE, 0, 0),
+    "var_y": _number(*COVARIANCE, 1, 1),
+    "cov_xy": _number(*COVARIANCE, 0, 1),
+    "mu_c": _number("belief", "mu_c", "value"),
+    "mu_c_low": _number("belief", "mu_c", "interval", 0),
+    "mu_c_high": _number("belief", "mu_c", "interval", 1),
+    "mu_c_kind": _at("belief", "mu_c", "kind"),
     "mu_c_p90": _number("mu_c", "p90"),
     "mu_c_max": _number("mu_c", "max"),
     "total_friction": _number("total_friction"),

@@ -49,10 +49,12 @@ DIGITS = 6
 """Significant digits of what is kept of each moment."""
 
 AFTER = (
-    "center_of_friction", "center_of_friction_covariance", "confidence", "data_points", "gap", "mu_c", "object", "objective",
-    "pushes", "status", "w",
+    "belief", "center_of_friction", "data_points", "gap", "mu_c", "object", "objective", "pushes", "status", "w",
 )  # fmt: skip
 """The parts of an estimate that its moment keeps."""
+
+BELIEF = ("center_of_friction", "covariance", "radius", "mu_c", "w")
+"""... and those of its belief."""
 
 PHASES = constants("PlanProgress")
 PHASE_NAMES = {number: name.removeprefix("PHASE_").lower() for name, number in PHASES.items()}
@@ -101,9 +103,9 @@ class Story:
             return self._without_data()
         told = with_histogram(report.to_dict(), report.friction)
         kept = {key: told[key] for key in (*AFTER, "histogram") if key in told}
-        if "middle" in told:  # it is drawn in the place of the program's
-            kept["middle"] = told["middle"]
+        if "w" in told["belief"]:  # it is drawn in the place of the program's
             del kept["w"]
+        kept["belief"] = {key: told["belief"][key] for key in BELIEF if key in told["belief"]}
         kept = _rounded(kept)
         _remember(self._after, report.stamp, kept)
         self._recent.append(report)

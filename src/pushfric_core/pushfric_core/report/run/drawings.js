@@ -6,7 +6,7 @@ const CHI2_90 = 4.605; // the 90 % ellipse: x' C^-1 x <= this
 export const number = (value) => (value === "inf" ? Infinity : typeof value === "number" ? value : NaN);
 
 // The belief's p_CF; that of the program as long as nothing is believed
-export const believed = (estimate) => estimate?.middle?.center_of_friction ?? estimate?.center_of_friction;
+export const believed = (estimate) => estimate?.belief.center_of_friction ?? estimate?.center_of_friction;
 
 export function made(tag, attributes, text) {
   const element = document.createElementNS(SVG, tag);
@@ -39,7 +39,7 @@ export function drawObject(svg, outline, estimate, pinned, moments, last) {
   if (last) parts.push(made("path", { class: "touched", d: wedge(last, to, 20) }));
   const area = 0.1 * span[0] * span[1] * scale * scale; // of all discs together
   for (const [shown, kind] of [[estimate, "weight"], [pinned, "weight pinned"]]) {
-    const weights = shown?.middle?.w ?? shown?.w;
+    const weights = shown?.belief.w ?? shown?.w;
     shown?.support_points.forEach((point, index) => {
       const [u, v] = to(point), radius = Math.sqrt((area * number(weights[index])) / Math.PI);
       if (kind === "weight") parts.push(made("circle", { class: "point", cx: u, cy: v, r: 2.5 }));
@@ -54,7 +54,7 @@ export function drawObject(svg, outline, estimate, pinned, moments, last) {
   for (const [shown, kind] of [[pinned, " pinned"], [estimate, ""]]) {
     const center = believed(shown)?.map(number);
     if (!center?.every(Number.isFinite)) continue;
-    const [u, v] = to(center), spread = shown.center_of_friction_covariance;
+    const [u, v] = to(center), spread = shown.belief.covariance;
     if (spread) parts.push(drawnEllipse(spread, u, v, scale, kind));
     parts.push(made("path", { class: `center${kind}`, d: `M${u - 11} ${v}H${u + 11}M${u} ${v - 11}V${v + 11}` }));
   }
@@ -214,8 +214,8 @@ function arrow([[a, b], [u, v]], kind) {
 export function drawFriction(svg, estimate) {
   const height = 280, left = 24, right = WIDTH - 24, base = height - 34, top = 46;
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
-  const { counts = [], bin_width: bin = 0.05 } = estimate?.histogram ?? {}, mu = estimate?.mu_c;
-  const finite = (mu ? [mu.max, mu.value, ...(mu.interval ?? [])] : []).map(number).filter(Number.isFinite);
+  const { counts = [], bin_width: bin = 0.05 } = estimate?.histogram ?? {}, mu = estimate?.mu_c, its = estimate?.belief.mu_c;
+  const finite = (mu ? [mu.max, its?.value, ...(its?.interval ?? [])] : []).map(number).filter(Number.isFinite);
   const end = Math.min(2.05, Math.max(1, 1.15 * Math.max(0, ...finite)));
   const to = (value) => left + (Math.min(value, end) / end) * (right - left);
   const parts = [];
@@ -238,12 +238,12 @@ export function drawFriction(svg, estimate) {
       parts.push(made("path", { class: "bound", d: `M${u} ${base}V${top - 4}` }));
       parts.push(made("text", { x: u, y: label === "90 %" ? top - 28 : top - 10, "text-anchor": u > right - 40 ? "end" : "middle", class: "strong" }, `${label}: ${number(value) === Infinity ? "∞" : number(value).toFixed(2)}`));
     }
-    const [low, high] = (mu.interval ?? []).map(number);
+    const [low, high] = (its?.interval ?? []).map(number);
     if (Number.isFinite(low)) {
       const open = !Number.isFinite(high), v = base - 14;
       parts.push(made("path", { class: "interval", d: `M${to(low)} ${v}H${open ? right : to(high)}` }));
       if (open) parts.push(made("path", { class: "center", d: `M${right - 8} ${v - 9}L${right + 3} ${v}L${right - 8} ${v + 9}` }));
-      if (Number.isFinite(number(mu.value))) parts.push(made("circle", { class: "value", cx: to(number(mu.value)), cy: v, r: 7 }));
+      if (Number.isFinite(number(its.value))) parts.push(made("circle", { class: "value", cx: to(number(its.value)), cy: v, r: 7 }));
     }
   }
   svg.replaceChildren(...parts);

@@ -8,7 +8,7 @@ const DECADES = 3; // of a curve, at most: what is smaller lies at the bottom
 const SMALLEST = -3; // power of ten that is worth an axis
 
 const TRACKS = [
-  ["p_CF within", " mm", ({ known }) => 1e3 * number(known?.confidence)],
+  ["p_CF within", " mm", ({ known }) => 1e3 * number(known?.belief.radius)],
   ["Fit error per observation", " mm", ({ known }) => (1e3 * number(known?.objective)) / known?.data_points],
   ["Prediction off by", "°", ({ off }) => number(off)],
 ];

@@ -200,10 +200,10 @@ function drawNow() {
     at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
     at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
   }
-  const verdict = estimate?.verdict;
+  const verdict = estimate?.belief.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
   if (verdict?.notes.length) at("trust").textContent += ` To be put right: ${textOf(verdict.notes)}.`;
-  if (known(estimate?.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.change.since_push + 1}.`;
+  if (known(estimate?.belief.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.belief.change.since_push + 1}.`;
 }
 
 function drawTime(moment, compared) {
@@ -240,8 +240,8 @@ function drawComparison(compared, moment) {
   const rows = [
     ["p_CF x [mm]", 2, (estimate) => 1e3 * number(believed(estimate)?.[0])],
     ["p_CF y [mm]", 2, (estimate) => 1e3 * number(believed(estimate)?.[1])],
-    ["p_CF within [mm]", 2, (estimate) => 1e3 * number(estimate?.confidence)],
-    ["μ_c", 3, (estimate) => number(estimate?.mu_c.value ?? estimate?.mu_c.p90)],
+    ["p_CF within [mm]", 2, (estimate) => 1e3 * number(estimate?.belief.radius)],
+    ["μ_c", 3, (estimate) => number(estimate?.belief.mu_c?.value ?? estimate?.mu_c.p90)],
     ["fit error / point [mm]", 3, (estimate) => (1e3 * number(estimate?.objective)) / estimate?.data_points],
     ["prediction off by [°]", 1, (_, { off }) => number(off)],
   ];
@@ -271,11 +271,11 @@ function leap(way) {
 function drawNumbers(estimate) {
   const [x, y] = believed(estimate) ?? [];
   unit("center", estimate ? `${mm(x)}, ${mm(y)}` : "–", "mm");
-  at("confidence").textContent = known(estimate?.confidence) ? `off by at most ${mm(estimate.confidence)} mm, with 90 %` : "";
-  const mu = estimate?.mu_c;
-  const measured = known(mu?.value);
-  at("mu").textContent = !mu ? "–" : measured ? plain(mu.value) : `≥ ${plain(mu.p90)}`;
-  at("mu_kind").textContent = !mu ? "" : measured ? `${plain(mu.interval[0])} to ${plain(mu.interval[1])} with 90 %, from ${mu.kind}` : "a lower bound (90 % of the observations)";
+  at("confidence").textContent = known(estimate?.belief.radius) ? `off by at most ${mm(estimate.belief.radius)} mm, with 90 %` : "";
+  const mu = estimate?.mu_c, its = estimate?.belief.mu_c;
+  const measured = known(its?.value);
+  at("mu").textContent = !mu ? "–" : measured ? plain(its.value) : `≥ ${plain(mu.p90)}`;
+  at("mu_kind").textContent = !mu ? "" : measured ? `${plain(its.interval[0])} to ${plain(its.interval[1])} with 90 %, from ${its.kind}` : "a lower bound (90 % of the observations)";
   unit("fit", estimate ? mm(estimate.objective, 3) : "–", "mm");
   at("certified").textContent = estimate ? `${estimate.status}; certified to ${Number((number(estimate.gap) * 1e3).toPrecision(1))} mm` : "";
   at("points").textContent = estimate ? counted(estimate.data_points, "observation") : "–";
@@ -389,7 +389,7 @@ function drawTable() {
 
 // Why the estimator leaves a push out by itself, as the last estimate says; undefined if it does not
 function rejectionOf(row) {
-  return row.excluded ? undefined : story.estimate?.rejected?.find((one) => one.push === row.push);
+  return row.excluded ? undefined : story.estimate?.belief.rejected.find((one) => one.push === row.push);
 }
 
 function judged(row) {
