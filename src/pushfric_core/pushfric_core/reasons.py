@@ -11,6 +11,7 @@ class ReasonCode(StrEnum):
     FEW_PUSHES = auto()
     FEW_PLACES = auto()
     ONE_SIDE = auto()
+    UNCERTAIN = auto()
 
     # mistakes in the input
     NORMALS_INWARD = auto()

@@ -9,7 +9,8 @@ import pytest
 from problems import four_feet, pushed_as_planned, three_feet
 
 from pushfric_core.belief.doubts import Change
-from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.belief.judge import Judgement
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.verdict import verdict_on
 from pushfric_core.geometry.planar import Twist, rotation, velocity_at
@@ -89,12 +90,22 @@ def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
     estimator = Estimator(FEET.truth.points)
     for number, one in enumerate(FEET.observations):
         estimate = estimator.add(inward(lambda number: number == 5)(number, replace(one, push_id=number)))
-    doubts = estimate.judgement.doubts._replace(mistakes=(), change=Change(7, (0.008, 0.0)))
-    (contradiction,) = verdict_on(estimate, doubts._replace(change=None)).reasons
-    (told,) = verdict_on(estimate, doubts).reasons
+    belief, doubts = estimate.judgement
+    (contradiction,) = verdict_on(estimate, Judgement(belief, doubts._replace(mistakes=()))).reasons
+    change = Change(7, (0.008, 0.0))
+    (told,) = verdict_on(estimate, Judgement(belief, doubts._replace(mistakes=(), change=change))).reasons
     assert contradiction.code == ReasonCode.CONTRADICTION
     assert told.code == ReasonCode.OBJECT_CHANGED
     assert "the object is another one since push 7" in told.text
+
+
+def test_a_radius_that_is_too_large_to_be_useful_is_told():
+    data = [replace(one, push_id=number) for number, one in enumerate(FEET.observations)]
+    estimate = Estimator(FEET.truth.points, EstimatorConfig(useful_radius=1e-4)).add(data)
+    (reason,) = estimate.verdict.reasons
+    assert reason.code == ReasonCode.UNCERTAIN
+    assert f"only known to within {1e3 * estimate.confidence:.1f} mm" in reason.text
+    assert Estimator(FEET.truth.points).add(data).verdict.use
 
 
 @pytest.mark.parametrize("pushes", [1, 2, 3])

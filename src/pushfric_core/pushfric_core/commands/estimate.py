@@ -26,7 +26,7 @@ from pushfric_core.files.model_file import check_name, save_model
 from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.report.ledger import account
-from pushfric_core.report.report import ensemble, to_json
+from pushfric_core.report.report import to_json
 
 
 def estimate(
@@ -109,7 +109,7 @@ def _one(
         save_model(estimation.to_model(), save)
     figures = estimation.figures()
     if samples:
-        figures["belief"]["samples"] = ensemble(result)
+        figures["belief"]["samples"] = [] if result.belief is None else result.belief.samples
     if ledger is not None:
         figures["ledger"] = account(estimation.ledger)
     if ledger == STDOUT:

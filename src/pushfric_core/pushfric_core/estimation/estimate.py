@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import importlib.util
+import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -55,6 +56,7 @@ class Estimate:
         rejected: the pushes that are left out because the others contradict them, each with the reason.
         outline: of the object; None: the estimator does not know it.
         kept: pushes that are not left out, whatever speaks against them; None: all.
+        useful_radius: if p_CF is not known to within this [m], the estimate is not to be used.
 
     Example:
         >>> from pushfric_core import Estimator, Observation, Twist
@@ -83,6 +85,7 @@ class Estimate:
     rejected: tuple[Rejected, ...] = ()
     outline: Outline | None = field(default=None, compare=False)
     kept: Sequence[int] | None = field(default=(), compare=False)
+    useful_radius: float = field(default=math.inf, compare=False)
 
     @property
     def w(self) -> Array:
@@ -177,7 +180,7 @@ class Estimate:
     @property
     def verdict(self) -> Verdict:
         """Whether the estimate may be used: `use`, and `reasons` if not."""
-        return verdict_on(self, self.judgement.doubts)
+        return verdict_on(self, self.judgement)
 
     def __str__(self) -> str:
         if not self.data_points:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.belief.doubts import Rejected
-from pushfric_core.belief.judge import Doubts, Judgement, judging
+from pushfric_core.belief.judge import Judgement, judging
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.excitation import Excitation
 from pushfric_core.geometry.outline import Outline
@@ -99,8 +99,10 @@ class EstimatorConfig:
     tie_break: bool | None = setting(
         None, f"if several w are equally good, take the w nearest to equal weights; {ABLE}, and without the term force"
     )
-    screening: bool | None = setting(
-        None, f"outlier rejection: leave out pushes that are unlike the rest, and look for a change of the object; {ABLE}"
+    screening: bool | None = setting(None, f"outlier rejection: leave out pushes that the others contradict; {ABLE}")
+
+    useful_radius: float = setting(
+        0.1, "an estimate may be used if p_CF is known to within this share of the support's size, with 90 %", 0.0, math.inf
     )
 
     def __post_init__(self) -> None:
@@ -357,9 +359,9 @@ class Estimator:
         return estimate
 
     @property
-    def doubts(self) -> Doubts:
-        """The doubts about the observations when they were last judged."""
-        return self._judgement.doubts
+    def judgement(self) -> Judgement:
+        """The last one: of all observations if `settled`."""
+        return self._judgement
 
     @property
     def settled(self) -> bool:
@@ -390,6 +392,7 @@ class Estimator:
             self.rejected,
             self.outline,
             self._never_rejected,
+            self.config.useful_radius * self._size,
         )
 
     def _solve(self) -> Optimum:

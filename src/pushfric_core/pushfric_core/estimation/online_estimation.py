@@ -67,7 +67,7 @@ class OnlineEstimation:
 
     def verdict(self) -> Verdict:
         """Whether the last estimate may be used, by what was last judged; of no estimate, nothing is said."""
-        return Verdict() if self.estimate is None else verdict_on(self.estimate, self._estimator.doubts)
+        return Verdict() if self.estimate is None else verdict_on(self.estimate, self._estimator.judgement)
 
     def learn(self, observation: Observation) -> None:
         """Take an observation in one go, in all respects."""

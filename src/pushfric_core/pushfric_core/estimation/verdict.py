@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pushfric_core.belief.doubts import Change, Rejected
-from pushfric_core.belief.judge import Doubts
+from pushfric_core.belief.judge import Judgement
 from pushfric_core.geometry.planar import cross, velocity_at
 from pushfric_core.geometry.support import rms_arm
 from pushfric_core.reasons import Reason, ReasonCode
@@ -67,9 +67,11 @@ class Verdict:
         return "may be used" if self.use else f"do not use it: {'; '.join(map(str, self.reasons))}"
 
 
-def verdict_on(estimate: "Estimate", doubts: Doubts) -> Verdict:
-    """Whether an estimate may be used, by what is doubted of its observations, or was when the last push had ended."""
-    known_to = min(math.inf if estimate.confidence is None else estimate.confidence, CERTAINLY_OFF)
+def verdict_on(estimate: "Estimate", judgement: Judgement) -> Verdict:
+    """Whether an estimate may be used, by what was judged of its observations, or when the last push had ended."""
+    belief, doubts = judgement
+    radius = math.inf if belief is None or belief.confidence is None else belief.confidence
+    known_to = min(radius, CERTAINLY_OFF)
     mistakes = [one for one in doubts.mistakes if one.size > known_to]
     notes = [one.reason for one in doubts.mistakes if one.size <= known_to][:1]
     wrong = [one.reason for one in mistakes[:1]]
@@ -86,6 +88,12 @@ def verdict_on(estimate: "Estimate", doubts: Doubts) -> Verdict:
     else:
         notes.append(tip.reason)
     lack = [] if estimate.lack is None else [estimate.lack]
+    if not (wrong or lack or change) and estimate.useful_radius < radius < math.inf:
+        text = (
+            f"p_CF is only known to within {1e3 * radius:.1f} mm, and {1e3 * estimate.useful_radius:.1f} mm are asked for: "
+            "push more, at other places and on other sides"
+        )
+        lack = [Reason(ReasonCode.UNCERTAIN, text)]
     rejected = sorted({*estimate.rejected, *doubts.rejected})
     return Verdict((*wrong, *lack), tuple(rejected), change, tuple(notes))
 

@@ -202,7 +202,6 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
 
 def _belief(friction: FrictionModel) -> BeliefFile:
     known, (x, y) = friction.known_mu_c, friction.center_of_friction.tolist()
-    samples = zip(friction.w.tolist(), friction.mu_c.tolist(), friction.share.tolist(), strict=True)
     covariance = None
     if friction.covariance is not None:
         (a, b), (c, d) = friction.covariance.tolist()
@@ -214,7 +213,7 @@ def _belief(friction: FrictionModel) -> BeliefFile:
         w=friction.support.weights.tolist(),
         mu_c=known and ContactFrictionFile(value=known.value, interval=(known.low, known.high), kind=known.kind),
         misfit=friction.misfit,
-        samples=tuple(SampleFile(w=w, mu_c=mu_c, weight=weight) for w, mu_c, weight in samples),
+        samples=tuple(SampleFile(**sample) for sample in friction.samples),
     )
 
 

@@ -17,7 +17,6 @@ FORMAT = 1
 def json(body: Body) -> dict[str, str]:
     """All that is known, object frame, SI units; docs/planning.md has the keys."""
     friction, load, feet = body.friction, body.load, body.feet
-    samples = zip(friction.w.tolist(), friction.mu_c.tolist(), friction.share.tolist(), strict=True)
     content = {
         "format": FORMAT,
         "comments": body.comments(),
@@ -34,7 +33,7 @@ def json(body: Body) -> dict[str, str]:
         "w": friction.support.weights.tolist(),
         "center_of_friction": friction.center_of_friction.tolist(),
         "misfit": friction.misfit,
-        "samples": [{"w": w, "mu_c": mu_c, "weight": share} for w, mu_c, share in samples],
+        "samples": friction.samples,
         "feet": {
             "points": feet.support.points.tolist(),
             "w": feet.support.weights.tolist(),

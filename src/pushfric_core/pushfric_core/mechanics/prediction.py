@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -145,6 +145,12 @@ class FrictionModel:
     def confidence(self) -> float | None:
         """Radius about p_CF that holds the true one with a probability of 90 % [m]; None without a covariance."""
         return None if self.covariance is None else ellipse_radius(self.covariance)
+
+    @property
+    def samples(self) -> list[dict[str, Any]]:
+        """Its samples as files name them: `w`, `mu_c` and `weight` of each."""
+        rows = zip(self.w.tolist(), self.mu_c.tolist(), self.share.tolist(), strict=True)
+        return [{"w": w, "mu_c": mu_c, "weight": weight} for w, mu_c, weight in rows]
 
     @cached_property
     def intervals(self) -> Array:

@@ -6,18 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.recognition import Ranking
 from pushfric_core.geometry.table_1 import TABLE_1
-
-
-def ensemble(estimate: Estimate) -> list[dict[str, Any]]:
-    """Weighted samples of w and mu_c for planners; none without a belief."""
-    model = estimate.belief
-    if model is None:
-        return []
-    samples = zip(model.w, model.mu_c.tolist(), model.share.tolist(), strict=True)
-    return [{"w": w, "mu_c": mu_c, "weight": weight} for w, mu_c, weight in samples]
 
 
 def recognition_report(ranking: Ranking) -> dict[str, Any]:
