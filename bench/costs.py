@@ -1,8 +1,4 @@
-"""Where the milliseconds and the megabytes go: it measures them and writes the tables of docs/graph.md and docs/estimation.md.
-
-What is said of an estimate is measured by leaving it out: estimators with more and more of it take the same observations in
-turn, so that a disturbance affects all alike.
-"""
+"""Where the milliseconds and the megabytes go: measures them, and writes the tables of docs/graph.md and docs/estimation.md."""
 
 import pathlib
 import time
@@ -14,9 +10,9 @@ from rclpy.serialization import serialize_message
 
 from bench import footprint, pipeline
 from docs.markdown import replaced, table
-from pushfric_core import Estimate, Estimator, EstimatorConfig, load
+from pushfric_core import Estimate, Estimator, load
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
-from pushfric_core.estimation.verdict import Verdict
+from pushfric_core.estimation.verdict import Verdict, verdict_on
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.whole_file import write_whole
 from pushfric_msgs.msg import FrictionEstimate
@@ -28,11 +24,8 @@ STEPS = 3
 ROUNDS = 7
 """Number of times that all observations are taken."""
 
-LADDER = {
-    "program: w, p_CF and the certificate": EstimatorConfig(screening=False),
-    "outlier rejection and the check for a change": EstimatorConfig(),
-}
-"""What each estimator does in addition to the one before."""
+PARTS = ("program: w, p_CF and the certificate", "verdict", "lower bounds of mu_c", "message", "serialised")
+"""The work for one observation."""
 
 Figures = dict[str, Any]
 
@@ -76,24 +69,16 @@ def _observation() -> Figures:
     """Median CPU time of each part of the work for one observation [ms]."""
     observations = load(footprint.DEMO_BAG)
     support_points = load_object(footprint.OBJECT).support_points
-    spent: dict[str, list[float]] = {part: [] for part in (*LADDER, "verdict", "lower bounds of mu_c", "message", "serialised")}
+    spent: list[list[float]] = []
     for _ in range(ROUNDS):
-        estimators = [(part, Estimator(support_points, config)) for part, config in LADDER.items()]
+        estimator = Estimator(support_points)
         for one in observations:
-            before = 0.0
-            for part, estimator in estimators:
-                estimate, took = _timed(estimator.add, one)
-                spent[part].append(took - before)
-                before = took
-            _, judging = estimators[-1]
-            verdict, took = _timed(judging.verdict, estimate)
-            spent["verdict"].append(took)
-            friction, took = _timed(FrictionReport.of, estimate, None)
-            spent["lower bounds of mu_c"].append(took)
-            msg, took = _timed(_message, estimate, verdict, friction)
-            spent["message"].append(took)
-            spent["serialised"].append(_timed(serialize_message, msg)[1])
-    return {part: 1e3 * float(np.median(seconds)) for part, seconds in spent.items()}
+            estimate, program = _timed(estimator.add, one)
+            verdict, judged = _timed(verdict_on, estimate, estimator.judgement)
+            friction, bounds = _timed(FrictionReport.of, estimate, None)
+            msg, message = _timed(_message, estimate, verdict, friction)
+            spent.append([program, judged, bounds, message, _timed(serialize_message, msg)[1]])
+    return dict(zip(PARTS, (1e3 * np.median(spent, axis=0)).tolist(), strict=True))
 
 
 def _message(estimate: Estimate, verdict: Verdict, friction: FrictionReport) -> FrictionEstimate:
