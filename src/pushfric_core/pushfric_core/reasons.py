@@ -24,7 +24,6 @@ class ReasonCode(StrEnum):
     MIRRORED = auto()
     TWIST_OF_CONTACT = auto()
     ORIGIN_OFF = auto()
-    TWO_FINGERS = auto()
     TOO_FAST = auto()
     FORCES_SCATTERED = auto()
     FORCES_OPPOSED = auto()

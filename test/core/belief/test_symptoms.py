@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from problems import four_feet, observations_of, square
 
-from pushfric_core.belief.symptoms import tip_off
+from pushfric_core.belief.symptoms import normals_inward, tip_off
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.geometry.planar import Twist, velocity_at
 from pushfric_core.reasons import ReasonCode
@@ -102,3 +102,14 @@ def test_where_pushes_contradict_each_other_a_misplacement_is_told_as_the_cause(
     _, verdict = judged([deeper(0.003)(one) for one in turned + pushes(2)[4:]])
     assert not verdict.use
     assert [one.code for one in verdict.reasons] == [ReasonCode.TIP_OFF_ACROSS]
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_normals_that_point_inward_are_named_if_all_do_or_some(every):
+    wrong = [
+        replace(one, contact_normal=tuple((-np.array(one.contact_normal)).tolist())) if one.push_id % every == 0 else one
+        for one in pushes(2)
+    ]
+    (reason,) = Estimator(POINTS).add(wrong).verdict.reasons
+    assert reason.code == ReasonCode.NORMALS_INWARD
+    assert normals_inward(POINTS, pushes(2)) is None

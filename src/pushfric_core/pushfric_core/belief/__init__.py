@@ -1,1 +1,1 @@
-"""What is believed of an object's friction, and doubted of the data: one likelihood, of whole pushes."""
+"""The belief about an object's friction, and doubts about the data: one likelihood, of whole pushes."""

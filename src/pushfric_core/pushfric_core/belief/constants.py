@@ -87,11 +87,8 @@ whose model is not exact."""
 LATEST, FEWEST_BEFORE = 6, 5
 """A change is looked for before the last LATEST to 2 pushes, if as many as FEWEST_BEFORE say what the object was."""
 
-MISTAKE, GEOMETRY = 0.01, 0.05
+MISTAKE, GEOMETRY = 0.01, 0.02
 """Probabilities, before any push, of a mistake in units, signs or columns; and that contacts or the motion's frame are off."""
-
-INSIDE_OUT = 0.03
-"""Share of the contacts of a right outline whose normals point towards the support's middle."""
 
 MOST_COMPARED = 60
 """Mistakes are compared by so many stretches at most, over so many support points."""
@@ -101,9 +98,6 @@ CLEAR = 0.05
 
 REACH_OFF = 0.03
 """Standard deviation of how far contacts or the motion's frame are off, along each axis, if they are [m]."""
-
-FINGERS = (0.012, 0.025)
-"""Half distances of two fingers that are tried [m]."""
 
 SMALL_SUPPORT = 0.75
 """Support points that span less than this share of the contacts leave a part of the object out."""

@@ -10,7 +10,7 @@ from pushfric_core.belief.doubts import Change, Rejected, bad_pushes, changed
 from pushfric_core.belief.mistakes import Mistake, explaining
 from pushfric_core.belief.mode import finding
 from pushfric_core.belief.stretches import size_of, steps_of
-from pushfric_core.belief.symptoms import TipOff, forces_off, tip_off, too_fast
+from pushfric_core.belief.symptoms import TipOff, forces_off, normals_inward, tip_off, too_fast
 from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import FrictionModel
 from pushfric_core.reasons import Reason
@@ -54,10 +54,12 @@ def judging(
         observations: m, whose order does not matter.
         kept: pushes that are not left out, whatever speaks against them; None: all.
     """
-    size = size_of(points)
+    if not observations:
+        return Judgement()
+    inward = normals_inward(points, observations)
+    size, doubts = size_of(points), Doubts()
     mode = yield from finding(points, steps_of(observations, size), size)
-    doubts = Doubts()
-    if len({one.push_id for one in observations}) >= FEWEST_COMPARED and len(points) > 2:
+    if inward is None and len({one.push_id for one in observations}) >= FEWEST_COMPARED and len(points) > 2:
         mistakes, misfit = yield from explaining(points, steps_of(observations, size, MOST_COMPARED), size)
         found = None if mode is None else changed(mode)
         change = None
@@ -72,8 +74,8 @@ def judging(
         yield
     fast = too_fast(points, observations, only_timed=doubts.misfit is None or doubts.misfit < CLEAR)
     # against a wrong motion, forces would seem turned
-    forces = None if doubts.mistakes else forces_off(points, observations)
-    symptoms = tuple(one for one in (fast, forces) if one is not None)
+    forces = None if doubts.mistakes or inward else forces_off(points, observations)
+    symptoms = tuple(one for one in (inward, fast, forces) if one is not None)
     doubts = doubts._replace(symptoms=symptoms, tip_off=tip_off(observations))
     if doubts.rejected:
         out = {one.push_id for one in doubts.rejected}

@@ -15,9 +15,7 @@ import numpy.typing as npt
 from pushfric_core.belief.constants import (
     BAD_PUSH,
     CLEAR,
-    FINGERS,
     GEOMETRY,
-    INSIDE_OUT,
     MISTAKE,
     MOST_COMPARED,
     REACH_OFF,
@@ -120,9 +118,9 @@ def explaining(points: Array, steps: Steps, size: float) -> Generator[None, None
     right = yield from run.judged(steps)
     found = []
     if steps.sticks.any() or right.misfit > CLEAR or not run.known(steps).all():
-        for reason, more, wrong in run.mistaken():
+        for reason, wrong in run.mistaken():
             judged = yield from wrong
-            found.append(Mistake(reason, more + judged.evidence - right.evidence + math.log(MISTAKE)))
+            found.append(Mistake(reason, judged.evidence - right.evidence + math.log(MISTAKE)))
     if right.fit is not None:
         for off in (_along, _aside, _elsewhere):
             mistake = yield from run.displacement(off, right)
@@ -193,50 +191,27 @@ class _Run(NamedTuple):
         sizes = np.sqrt(np.sum(velocities**2, axis=1) + (rms_arm(self.points) * motions[:, 2]) ** 2)
         return np.asarray(-3 * np.log(np.maximum(sizes, 1e-12)) - math.log(4 * math.pi))
 
-    def mistaken(self) -> Iterator[tuple[Reason, float, Generator[None, None, _Judged]]]:
-        """The mistakes that are no lengths, each with the logarithm of what speaks for it besides, and its judgement."""
+    def mistaken(self) -> Iterator[tuple[Reason, Generator[None, None, _Judged]]]:
+        """The mistakes that are no lengths, each with its judgement."""
         steps = self.steps
         for code, rows, text in LINEAR:
             matrix = np.array(rows)
             undone = steps.moved(steps.motions @ matrix.T)
-            yield Reason(code, text), 0.0, self.judged(undone, math.log(abs(float(np.linalg.det(matrix)))))
+            yield Reason(code, text), self.judged(undone, math.log(abs(float(np.linalg.det(matrix)))))
         text = (
             "vx and vy are the velocity of the contact, or of another point that moves over the object: give that of the "
             "object-frame origin"
         )
         yield (
             Reason(ReasonCode.TWIST_OF_CONTACT, text),
-            0.0,
             self.judged(steps.moved(_of_point(steps.motions, -steps.contacts))),
         )
-        yield from self._inside_out()
-        if not steps.half_widths.any():
-            text = (
-                "the object was pushed with two fingers or an edge: give half_width, half of their distance, with each "
-                "observation"
-            )
-            for half_width in FINGERS:
-                wide = steps._replace(half_widths=np.full(len(steps.part), half_width))
-                yield Reason(ReasonCode.TWO_FINGERS, text), 0.0, self.judged(wide)
         if (wider := _wider(self.points, steps.contacts)) is not None:
             text = (
                 "the support points leave a part of the object out, on which it seems to rest: check their unit, or give some "
                 "further out"
             )
-            yield Reason(ReasonCode.SUPPORT_TOO_SMALL, text), 0.0, self.judged(steps, points=wider)
-
-    def _inside_out(self) -> Iterator[tuple[Reason, float, Generator[None, None, _Judged]]]:
-        """That normals point inward where the support's middle is ahead of them: of an outline they hardly do."""
-        steps = self.steps
-        behind = np.sum((steps.contacts - self.points.mean(axis=0)) * steps.normals, axis=1) < 0
-        if behind.any():
-            text = (
-                f"the normals point inward in {np.sum(behind)} of {len(behind)} observations: contact_normal must point away "
-                "from the object; negate normal_x and normal_y"
-            )
-            undone = steps._replace(normals=np.where(behind[:, None], -steps.normals, steps.normals))
-            more = len(np.unique(steps.part[behind])) * math.log((1 - INSIDE_OUT) / INSIDE_OUT)
-            yield Reason(ReasonCode.NORMALS_INWARD, text), more, self.judged(undone)
+            yield Reason(ReasonCode.SUPPORT_TOO_SMALL, text), self.judged(steps, points=wider)
 
     def displacement(self, off: "_Off", right: _Judged) -> Generator[None, None, Mistake]:
         """That contacts, or the frame of the motion, are off: how far is found in turns with the mode."""
@@ -261,7 +236,8 @@ class _Run(NamedTuple):
             at_none = fit._replace(off=fit.off - np.append(by_shift @ d, np.zeros(len(fit.off) - len(by_shift))))
             usual = math.hypot(common_misfit(problem, fit, self.size), SAME * self.size)
             gain, d = displaced(problem, informative(at_none), by_shift, usual, REACH_OFF)
-            d = np.clip(d, -2 * REACH_OFF, 2 * REACH_OFF)
+            if np.abs(d).max() > 2 * REACH_OFF:  # anything explains the motions, or nothing does
+                return Mistake(reason, -math.inf)
             reason = off.reason(d)
         return Mistake(reason, gain + math.log(GEOMETRY), math.hypot(*d))
 

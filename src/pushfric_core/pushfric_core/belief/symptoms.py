@@ -17,6 +17,9 @@ from pushfric_core.wording import counted
 MAJORITY = 0.5
 """A symptom in more than this share of the observations is not an outlier but a mistake in the input."""
 
+MANY_RECEDE = 0.2
+"""If more than this share of the contacts recede where their normals point towards the support's middle, these are wrong."""
+
 TURNED = math.radians(50)
 """Friction keeps each force within the friction cone, so the mean force is turned by no more than this from the motion."""
 
@@ -51,6 +54,20 @@ class TipOff(NamedTuple):
     reason: Reason
     size: float  # [m]
     displaces: bool  # p_CF; if not, the errors of opposite sides cancel
+
+
+def normals_inward(points: Array, observations: Sequence[Observation]) -> Reason | None:
+    """Whether normals point into the object: towards the support's middle, and as the contact moves."""
+    contacts, normals = (np.array([getattr(one, f"contact_{name}") for one in observations]) for name in ("point", "normal"))
+    velocities = np.array([velocity_at(one.twist, one.contact_point) for one in observations])
+    behind = np.sum((contacts - points.mean(axis=0)) * normals, axis=1) < 0
+    if np.mean(behind & (np.sum(velocities * normals, axis=1) > 0)) <= MANY_RECEDE:
+        return None
+    text = (
+        f"the normals point inward in {behind.sum()} of {len(behind)} observations: contact_normal must point away "
+        "from the object; negate normal_x and normal_y"
+    )
+    return Reason(ReasonCode.NORMALS_INWARD, text)
 
 
 def too_fast(points: Array, observations: Sequence[Observation], only_timed: bool) -> Reason | None:

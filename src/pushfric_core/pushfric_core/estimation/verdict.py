@@ -13,7 +13,7 @@ from pushfric_core.reasons import Reason, ReasonCode
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
 
-POOR_MISFIT = 0.12
+POOR_MISFIT = 0.25
 """Motions of good runs, real and simulated, are typically off by less than this [rad]."""
 
 CERTAINLY_OFF = 0.003

@@ -71,7 +71,7 @@ class ObservationEntry(Strict):
 
 
 class BeliefFile(Strict):
-    """What is believed, under the same names as in the JSON of `estimate`."""
+    """The belief, under the same names as in the JSON of `estimate`."""
 
     center_of_friction: Point  # p_CF [m]
     covariance: tuple[Point, Point] | None = None  # of p_CF [m^2]

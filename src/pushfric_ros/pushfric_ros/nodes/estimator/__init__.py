@@ -103,7 +103,7 @@ class EstimatorNode(Node):
                 topics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
         self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
         self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
-        self._told: tuple[int, int] | None = None  # what the last report said [ns]
+        self._told: tuple[int, int, bool] | None = None  # what the last report said
         self.create_timer(PROGRESS_PERIOD, self._keep_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._start_out = topics.advertise(EstimationStart, START_TOPIC, LATCHED)
         self._publish_start()
@@ -442,12 +442,12 @@ class EstimatorNode(Node):
         self._publications.draw()
 
     def _publish_progress(self) -> None:
-        """Publish the time up to which all poses have become observations, if it has changed."""
-        settled = self._maker.settled
+        """Publish the time up to which all poses have become observations, and whether these are judged, if it has changed."""
+        settled, judged = self._maker.settled, self._online.settled
         newest = self._online.estimate.stamp if self._online.estimate is not None else 0
-        if (settled, newest) != self._told:
-            self._told = settled, newest
-            msg = EstimatorProgress(settled_until=stamp_to_msg(settled))
+        if (settled, newest, judged) != self._told:
+            self._told = settled, newest, judged
+            msg = EstimatorProgress(settled_until=stamp_to_msg(settled), judged=judged)
             msg.header.stamp, msg.header.frame_id = stamp_to_msg(newest), OBJECT
             self._progress_out.publish(msg)
 
