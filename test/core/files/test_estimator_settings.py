@@ -19,7 +19,7 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 NAME = "rubber_rect4"
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 8, np.random.default_rng(5))
 UNUSUAL = EstimatorSettings(
-    EstimatorConfig(terms=("moment", "cone"), mu_bound=0.4, cor_radius=0.01, tie_break=False),
+    EstimatorConfig(useful_radius=1.0, terms=("moment", "cone"), mu_bound=0.4, cor_radius=0.01, tie_break=False),
     TrajectoryConfig(window=7),
     (2, 5),
     RegionConfig(region_margin=0.005),
@@ -68,7 +68,7 @@ def test_options_override_what_was_recorded(tmp_path):
     options = ["--terms", "moment", "--cor-radius", "auto", "--tie-break", "--exclude-push", "1"]
     plain = bag_of(tmp_path / "plain", None)
     excluded = [part for push_id in (1, 2, 5) for part in ("--exclude-push", str(push_id))]
-    assert estimated(bag, *options)["w"] == estimated(plain, *excluded)["w"]
+    assert estimated(bag, *options)["w"] == estimated(plain, *excluded, "--useful-radius", "1")["w"]
 
 
 def test_a_bag_without_settings_was_recorded_with_the_defaults(tmp_path):

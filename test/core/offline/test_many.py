@@ -75,7 +75,7 @@ def test_a_result_that_was_changed_is_made_again(tmp_path):
 def test_a_broken_input_costs_only_itself(inputs, tmp_path):
     os.mkfifo(inputs / "pipe.csv")  # which nobody writes to
     out = tmp_path / "out"
-    run = estimate(inputs, "--object", NAME, "--grid", 5, 5, "--out", out, "--jobs", 2, "--json")
+    run = estimate(inputs, "--object", NAME, "--grid", 5, 5, "--out", out, "--jobs", 2, "--useful-radius", 1, "--json")
     assert run.returncode == 1, run.stderr
     told = json.loads(run.stdout)
     assert {name: told[name] for name in ("inputs", "usable", "not_usable", "broken", "outliers")} == {
