@@ -11,7 +11,7 @@ from problems import four_feet, observations_of
 from bench.paper.pushes import NOISES, eight_places, filmed, moved, objects, shapes
 from pushfric_core import Estimator, Twist, believe, predict
 from pushfric_core.belief.constants import MOST_STRETCHES
-from pushfric_core.belief.stretches import steps_of, stretches
+from pushfric_core.belief.stretches import steps_of, stretches, thinned
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes
 from pushfric_core.geometry.planar import velocity_at
 from pushfric_core.mechanics import simulation
@@ -161,7 +161,7 @@ def test_few_pushes_leave_the_center_within_the_object(seed):
 
 def test_of_many_pushes_some_are_used():
     data = noisy(with_tip(observations_of(FEET.outline, FEET.truth, 0.5, 300, np.random.default_rng(0))), 0.05)
-    assert len(stretches(steps_of(data, 0.1), 0.1).lengths) == MOST_STRETCHES
+    assert len(stretches(thinned(steps_of(data, 0.1), MOST_STRETCHES), 0.1).lengths) == MOST_STRETCHES
     belief = believe(POINTS, data)
     assert belief.center_of_friction == pytest.approx(FEET.truth.center_of_friction, abs=5e-4)
     assert belief.data_points == 300

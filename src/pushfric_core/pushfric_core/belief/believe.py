@@ -18,12 +18,11 @@ from pushfric_core.belief.fit import (
     damped,
     errors_at,
     limit_of,
-    of_stretches,
+    misfits,
     root_of,
     row_weights,
     solved,
 )
-from pushfric_core.belief.linearisation import motion_sizes
 from pushfric_core.belief.mode import Mode, finding
 from pushfric_core.belief.stretches import size_of, steps_of
 from pushfric_core.geometry.planar import Array, as_array
@@ -176,9 +175,7 @@ def _corrected(places: Array, wanted: Array, to_center: Array) -> Array:
 
 def _misfit(problem: Problem, found: Fit) -> float:
     """The angle that 90 % of new motions stay below, by those of the pushes that were fitted [rad]."""
-    off = of_stretches(problem, found.off)
-    sizes = np.linalg.norm((found.roots @ off[..., None])[..., 0], axis=1)
-    angles = np.sort(np.arctan2(sizes, motion_sizes(problem.place, problem.data)))
+    angles = np.sort(misfits(problem, found))
     rank = min(math.ceil(SHARE * (len(angles) + 1) - 1e-9), len(angles))
     rows = found.rows
     fitted = float(np.sum(rows * damped(rows, rows.T).T))

@@ -23,7 +23,7 @@ from pushfric_core.belief.constants import (
     SHIFT,
 )
 from pushfric_core.belief.fit import Fit, Problem, damped, solved
-from pushfric_core.belief.mode import Mode
+from pushfric_core.belief.mode import Mode, common_misfit
 from pushfric_core.geometry.planar import Array
 from pushfric_core.reasons import Reason, ReasonCode
 
@@ -102,12 +102,11 @@ def changed(mode: Mode) -> tuple[Change, float] | None:
     if not lasts:
         return None
     by_shift = mode.fit.slopes[:, :-1] @ solved(mode.problem.root, _tilt(mode))
-    usual = math.hypot(mode.common, SAME * mode.size)
     found = []
     for first in lasts:
         after = data.push >= pushes[first]
         shifted = by_shift[: 3 * len(after)] * np.repeat(after, 3)[:, None]
-        gain, shift = displaced(mode.problem, fit, shifted, usual, SHIFT * mode.size)
+        gain, shift = displaced(mode.problem, fit, shifted, mode.size, SHIFT * mode.size)
         found.append((gain, int(pushes[first]), shift))
     odds = float(np.logaddexp.reduce([one for one, _, _ in found])) + math.log(CHANGED / (1 - CHANGED) / len(found))
     if odds < 0:
@@ -130,22 +129,23 @@ def informative(fit: Fit) -> Fit:
     return fit._replace(parameters=axes @ fit.parameters, slopes=fit.slopes @ axes.T)
 
 
-def displaced(problem: Problem, fit: Fit, by_shift: Array, usual: float, unusual: float) -> tuple[float, Array]:
-    """How much more probable the motions are with a shift of unusual size than with one of usual size.
+def displaced(problem: Problem, fit: Fit, by_shift: Array, size: float, unusual: float) -> tuple[float, Array]:
+    """How much more probable the motions are with a shift of unusual size than with one that a right model shows, too.
 
     Args:
         problem: of k stretches.
         fit: the mode without a shift.
         by_shift: (3k, s) slopes of the errors by each coordinate of the shift [1/m].
-        usual: standard deviation of each coordinate of the shift [m] if nothing is wrong, ...
-        unusual: ... and if something is.
+        size: of the support [m].
+        unusual: standard deviation of each coordinate of the shift [m] if something is wrong.
     Returns:
         The logarithm of the ratio, and the shift (s,) [m] if it is unusual.
     """
     motions, count = len(by_shift), by_shift.shape[1]
     slopes = fit.slopes[:motions]
     off = fit.off[:motions] - slopes @ fit.parameters
-    (plain, _), (wrong, x) = (_evidence(problem, off, np.column_stack((slopes, by_shift * size))) for size in (usual, unusual))
+    usual = math.hypot(common_misfit(problem, fit, size), SAME * size)
+    (plain, _), (wrong, x) = (_evidence(problem, off, np.column_stack((slopes, by_shift * one))) for one in (usual, unusual))
     return wrong - plain, x[-count:] * unusual
 
 

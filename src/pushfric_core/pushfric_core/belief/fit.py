@@ -21,7 +21,7 @@ from pushfric_core.belief.constants import (
     SMOOTH,
     VARIES,
 )
-from pushfric_core.belief.linearisation import Linearised, Place, anywhere, errors, linearised
+from pushfric_core.belief.linearisation import Linearised, Place, anywhere, errors, linearised, motion_sizes
 from pushfric_core.belief.stretches import Stretches
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.support import rms_arm
@@ -212,6 +212,12 @@ def _forced(data: Stretches, log: float) -> Array:
 def of_stretches(problem: Problem, off: Array) -> Array:
     """The errors (k, 3) of the stretches alone."""
     return off[: 3 * len(problem.freedom)].reshape(-1, 3)
+
+
+def misfits(problem: Problem, fit: Fit) -> Array:
+    """The angles (k,) by which the motions of the stretches are off [rad]."""
+    sizes = np.linalg.norm((fit.roots @ of_stretches(problem, fit.off)[..., None])[..., 0], axis=1)
+    return np.asarray(np.arctan2(sizes, motion_sizes(problem.place, problem.data)))
 
 
 def _cost(problem: Problem, at: Array, roots: Array) -> float:

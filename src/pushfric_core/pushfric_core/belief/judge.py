@@ -5,7 +5,7 @@ from collections.abc import Collection, Generator, Sequence
 from typing import NamedTuple
 
 from pushfric_core.belief.believe import drawn
-from pushfric_core.belief.constants import CLEAR, FEWEST_COMPARED, MOST_COMPARED
+from pushfric_core.belief.constants import CLEAR, FEWEST_COMPARED
 from pushfric_core.belief.doubts import Change, Rejected, bad_pushes, changed
 from pushfric_core.belief.mistakes import Mistake, explaining
 from pushfric_core.belief.mode import finding
@@ -58,9 +58,10 @@ def judging(
         return Judgement()
     inward = normals_inward(points, observations)
     size, doubts = size_of(points), Doubts()
-    mode = yield from finding(points, steps_of(observations, size), size)
+    steps = steps_of(observations, size)
+    mode = yield from finding(points, steps, size)
     if inward is None and len({one.push_id for one in observations}) >= FEWEST_COMPARED and len(points) > 2:
-        mistakes, misfit = yield from explaining(points, steps_of(observations, size, MOST_COMPARED), size)
+        mistakes, misfit = yield from explaining(points, steps, size)
         found = None if mode is None else changed(mode)
         change = None
         if found is not None and (not mistakes or found[1] > mistakes[0].odds):

@@ -19,15 +19,12 @@ from pushfric_core.belief.constants import (
     MISTAKE,
     MOST_COMPARED,
     REACH_OFF,
-    SAME,
     SMALL_SUPPORT,
     WHITES,
 )
 from pushfric_core.belief.doubts import displaced, informative
-from pushfric_core.belief.fit import Fit, Problem, errors_at, fitting, problem_of
-from pushfric_core.belief.linearisation import motion_sizes
-from pushfric_core.belief.mode import common_misfit
-from pushfric_core.belief.stretches import Steps, into_object, stretches
+from pushfric_core.belief.fit import Fit, Problem, errors_at, fitting, misfits, problem_of
+from pushfric_core.belief.stretches import Steps, into_object, stretches, thinned
 from pushfric_core.geometry.planar import Array, left_of
 from pushfric_core.geometry.support import rms_arm
 from pushfric_core.reasons import Reason, ReasonCode
@@ -111,9 +108,10 @@ def explaining(points: Array, steps: Steps, size: float) -> Generator[None, None
 
     Args:
         points: (n, 2) support points [m].
-        steps: r, of MOST_COMPARED stretches at most.
+        steps: r, of whose stretches MOST_COMPARED are compared at most.
         size: of the support [m].
     """
+    steps = thinned(steps, MOST_COMPARED)
     run = _Run(points[np.unique(np.linspace(0, len(points) - 1, MOST_COMPARED).round().astype(int))], steps, size)
     right = yield from run.judged(steps)
     found = []
@@ -125,9 +123,11 @@ def explaining(points: Array, steps: Steps, size: float) -> Generator[None, None
         for off in (_along, _aside, _elsewhere):
             mistake = yield from run.displacement(off, right)
             found.append(mistake)
-    likely = sorted((one for one in found if one.odds > 0), key=lambda one: -one.odds)
-    first = {one.reason.code: one for one in reversed(likely)}
-    return Explained(tuple(one for one in likely if first[one.reason.code] is one), right.misfit)
+    first: dict[ReasonCode, Mistake] = {}
+    for mistake in sorted(found, key=lambda one: -one.odds):
+        if mistake.odds > 0:
+            first.setdefault(mistake.reason.code, mistake)
+    return Explained(tuple(first.values()), right.misfit)
 
 
 class _Judged(NamedTuple):
@@ -141,14 +141,7 @@ class _Judged(NamedTuple):
     def misfit(self) -> float:
         if self.problem is None or self.fit is None:
             return math.pi
-        return typical_misfit(self.problem, self.fit)
-
-
-def typical_misfit(problem: Problem, fit: Fit) -> float:
-    """The median angle by which the motions of the stretches are off [rad]."""
-    off = fit.off[: 3 * len(problem.freedom)].reshape(-1, 3, 1)
-    sizes = np.linalg.norm((fit.roots @ off)[..., 0], axis=1)
-    return float(np.median(np.arctan2(sizes, motion_sizes(problem.place, problem.data))))
+        return float(np.median(misfits(self.problem, self.fit)))
 
 
 class _Run(NamedTuple):
@@ -222,20 +215,18 @@ class _Run(NamedTuple):
             if turn:
                 found = yield from self.judged(off.undone(self.steps, d), start=right.fit.parameters)
             problem, fit = found.problem, found.fit
-            here = stretches(off.undone(self.steps, d), self.size)
-            if problem is None or fit is None or here is None:
+            if problem is None or fit is None:
                 break
             slopes = []
             for unit in np.eye(off.unknowns):
                 there = stretches(off.undone(self.steps, d + STEP * unit), self.size)
-                if there is None or len(there.contacts) != len(here.contacts):
+                if there is None or len(there.contacts) != len(problem.data.contacts):
                     return Mistake(reason, gain, math.hypot(*d))
                 moved = errors_at(problem._replace(data=there), fit.roots, fit.parameters)
                 slopes.append((moved - fit.off)[: 3 * len(problem.freedom)] / STEP)
             by_shift = np.column_stack(slopes)
             at_none = fit._replace(off=fit.off - np.append(by_shift @ d, np.zeros(len(fit.off) - len(by_shift))))
-            usual = math.hypot(common_misfit(problem, fit, self.size), SAME * self.size)
-            gain, d = displaced(problem, informative(at_none), by_shift, usual, REACH_OFF)
+            gain, d = displaced(problem, informative(at_none), by_shift, self.size, REACH_OFF)
             if np.abs(d).max() > 2 * REACH_OFF:  # anything explains the motions, or nothing does
                 return Mistake(reason, -math.inf)
             reason = off.reason(d)

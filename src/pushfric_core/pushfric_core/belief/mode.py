@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.belief.constants import COMMON, FLOOR, SECTORS, WHITES, WIDER
+from pushfric_core.belief.constants import COMMON, FLOOR, MOST_STRETCHES, SECTORS, WHITES, WIDER
 from pushfric_core.belief.fit import Fit, Problem, damped, fitting, problem_of, solved, spread_cost, student
 from pushfric_core.belief.linearisation import with_bounds
-from pushfric_core.belief.stretches import Steps, stretches
+from pushfric_core.belief.stretches import Steps, stretches, thinned
 from pushfric_core.geometry.planar import Array
 
 STARTS, FIRST_STEPS = (-1.0, 0.0, 1.0), 3
@@ -56,7 +56,7 @@ def finding(points: Array, steps: Steps, size: float) -> Generator[None, None, M
 
     It is sought for an area and for feet; the one whose sectors foretell each other better is taken.
     """
-    data = stretches(steps, size)
+    data = stretches(thinned(steps, MOST_STRETCHES), size)
     if data is None:
         return None
     area, feet = (problem_of(points, data, white) for white in WHITES)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.belief.constants import LEAST_RATIO, LONGEST_STRETCH, MOST_STRETCHES, SURELY_SLID, USUAL_WAY
+from pushfric_core.belief.constants import LEAST_RATIO, LONGEST_STRETCH, SURELY_SLID, USUAL_WAY
 from pushfric_core.geometry.planar import Array, Indices, left_of
 from pushfric_core.trajectories.observation import Observation
 
@@ -66,16 +66,14 @@ def size_of(points: Array) -> float:
     return max(float(np.ptp(points, axis=0).max()), 1e-9)
 
 
-def steps_of(observations: Sequence[Observation], size: float, most: int = MOST_STRETCHES) -> Steps:
+def steps_of(observations: Sequence[Observation], size: float) -> Steps:
     """The steps of observations, whose order does not matter.
 
-    Without durations, the unit of time is open, and each observation is a stretch. Of more than so many stretches, as many are
-    taken, evenly.
+    Without durations, the unit of time is open, and each observation is a stretch.
 
     Args:
         observations: m.
         size: of the support [m].
-        most: number of stretches.
     """
     ordered = sorted(observations, key=lambda one: (one.push_id, one.stamp, one.contact_point, one.twist))
     ordered = [one for one in ordered if one.duration != 0]
@@ -98,7 +96,7 @@ def steps_of(observations: Sequence[Observation], size: float, most: int = MOST_
             number, way, last = number + 1, 0.0, one.push_id
         part.append(number)
         way += length
-    steps = Steps(
+    return Steps(
         contacts,
         normals,
         ways,
@@ -110,11 +108,16 @@ def steps_of(observations: Sequence[Observation], size: float, most: int = MOST_
         np.array(part, dtype=int),
         any(one.duration is not None for one in ordered),
     )
-    if number >= most:
-        chosen = np.linspace(0, number, most).round().astype(int)
-        kept = np.isin(steps.part, chosen)
-        steps = _rows(steps, kept)._replace(part=np.searchsorted(chosen, steps.part[kept]))
-    return steps
+
+
+def thinned(steps: Steps, most: int) -> Steps:
+    """The steps of so many stretches at most, taken evenly."""
+    last = int(steps.part.max(initial=-1))
+    if last < most:
+        return steps
+    chosen = np.linspace(0, last, most).round().astype(int)
+    kept = np.isin(steps.part, chosen)
+    return _rows(steps, kept)._replace(part=np.searchsorted(chosen, steps.part[kept]))
 
 
 def into_object(steps: Steps) -> npt.NDArray[np.bool_]:

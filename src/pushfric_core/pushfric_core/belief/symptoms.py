@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pushfric_core.belief.stretches import at_contacts
 from pushfric_core.geometry.planar import Array, velocity_at
 from pushfric_core.geometry.support import rms_arm
 from pushfric_core.reasons import Reason, ReasonCode
@@ -59,7 +60,7 @@ class TipOff(NamedTuple):
 def normals_inward(points: Array, observations: Sequence[Observation]) -> Reason | None:
     """Whether normals point into the object: towards the support's middle, and as the contact moves."""
     contacts, normals = (np.array([getattr(one, f"contact_{name}") for one in observations]) for name in ("point", "normal"))
-    velocities = np.array([velocity_at(one.twist, one.contact_point) for one in observations])
+    velocities = at_contacts(contacts, np.array([one.twist for one in observations]))
     behind = np.sum((contacts - points.mean(axis=0)) * normals, axis=1) < 0
     if np.mean(behind & (np.sum(velocities * normals, axis=1) > 0)) <= MANY_RECEDE:
         return None

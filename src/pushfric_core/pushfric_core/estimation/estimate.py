@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import importlib.util
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -57,6 +57,7 @@ class Estimate:
         outline: of the object; None: the estimator does not know it.
         kept: pushes that are not left out, whatever speaks against them; None: all.
         useful_radius: if p_CF is not known to within this [m], the estimate is not to be used.
+        judged: the judgement on all observations, those of rejected pushes, too; None: not all have been judged.
 
     Example:
         >>> from pushfric_core import Estimator, Observation, Twist
@@ -86,6 +87,7 @@ class Estimate:
     outline: Outline | None = field(default=None, compare=False)
     kept: Sequence[int] | None = field(default=(), compare=False)
     useful_radius: float = field(default=math.inf, compare=False)
+    judged: Judgement | None = field(default=None, compare=False)
 
     @property
     def w(self) -> Array:
@@ -128,22 +130,12 @@ class Estimate:
 
     @cached_property
     def judgement(self) -> Judgement:
-        """The belief, and what speaks against the observations, computed when it is first asked for."""
-        finished(self.judging())
-        return self.judgement
-
-    def judging(self, given: Judgement | None = None) -> Generator[None, None, None]:
-        """Compute `judgement`, but pause after each step, for a program that has other things to do meanwhile.
-
-        Args:
-            given: by somebody who judged all observations, also those of rejected pushes.
-        """
-        found = given or (yield from judging(self.support_points, self.observations, self.kept))
+        """The belief, and what speaks against the observations: computed when it is first asked for, unless all were judged."""
+        found = self.judged or finished(judging(self.support_points, self.observations, self.kept))
         belief = None if self.center_given else found.belief
         if belief is not None and self.lack is not None:
             belief = replace(belief, covariance=None)
-        # where `cached_property` looks
-        self.__dict__["judgement"] = found._replace(belief=belief)
+        return found._replace(belief=belief)
 
     @property
     def believed_center(self) -> Array:

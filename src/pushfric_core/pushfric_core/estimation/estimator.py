@@ -354,9 +354,7 @@ class Estimator:
                         yield
                 vars(self).update(vars(again))
             self._rejected, self._judgement, self._judged = bad, judgement, len(seen)
-        estimate = self._estimate()
-        yield from estimate.judging(self._judgement)
-        return estimate
+        return self._estimate()
 
     @property
     def judgement(self) -> Judgement:
@@ -393,6 +391,7 @@ class Estimator:
             self.outline,
             self._never_rejected,
             self.config.useful_radius * self._size,
+            self._judgement if self.settled else None,
         )
 
     def _solve(self) -> Optimum:

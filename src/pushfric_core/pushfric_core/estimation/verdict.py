@@ -119,19 +119,21 @@ def _opposed(estimate: "Estimate") -> list[Reason]:
     It lies on the side of each line along which a contact moved to which the object turned (Mason's theorem 2).
     """
     center, limit = estimate.center_of_friction, -ASIDE * rms_arm(estimate.support_points)
-    lines = [one for one in estimate.observations if one.twist.omega != 0 and velocity_at(one.twist, one.contact_point).any()]
-    opposed = []
-    for one in lines:
+    lines, opposed = 0, []
+    for one in estimate.observations:
         velocity = velocity_at(one.twist, one.contact_point)
+        if one.twist.omega == 0 or not velocity.any():
+            continue
+        lines += 1
         side = float(cross(velocity, center - one.contact_point)) / math.hypot(*velocity)
         if math.copysign(side, side * one.twist.omega) < limit:
             opposed.append(one.push_id)
     pushes = len(set(opposed))
-    if len(opposed) <= OPPOSED * len(lines) or pushes < OPPOSED_PUSHES:
+    if len(opposed) <= OPPOSED * lines or pushes < OPPOSED_PUSHES:
         return []
     x, y = (1e3 * center).tolist()
     text = (
-        f"the half-planes contradict the program: in {100 * len(opposed) / len(lines):.0f} % of the observations, of {pushes} "
+        f"the half-planes contradict the program: in {100 * len(opposed) / lines:.0f} % of the observations, of {pushes} "
         f"pushes, the object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: the centre of friction that was "
         "given must be wrong"
     )

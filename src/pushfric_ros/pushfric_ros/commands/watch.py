@@ -229,10 +229,8 @@ class Monitor:
         """Whether the estimator has processed everything that was seen until the plan was finished."""
         if self._finished is None or self._catches_up() or (self.estimate is not None and self.complete < 0):
             return False
-        return self._visit.node.judged and self._visit.node.newest in (
-            0,
-            None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp),
-        )
+        newest = None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp)
+        return self._visit.node.judged and self._visit.node.newest in (0, newest)
 
     def _on_estimate(self, msg: FrictionEstimate) -> None:
         if msg.status == FrictionEstimate.STATUS_NO_DATA:
