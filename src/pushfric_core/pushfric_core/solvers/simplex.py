@@ -234,18 +234,22 @@ class Simplex(Program):
             self._basis.refresh()
         self._basis.restart()
         self._sort()
-        return self._optimise(FLAT[0])
+        optimum = self._optimise(FLAT[0])
+        if optimum.status is Status.UNCERTIFIED:
+            # hard rows contradict each other by about as much as is tolerated: descents may go in circles unless nothing is
+            optimum = self._optimise(FLAT[0], ZERO)
+        return optimum
 
     def _scale(self) -> float:
         return float(self._basis.conditions.x[self._n]) if self._scaled else 0.0
 
-    def _optimise(self, flat: float) -> Optimum:
+    def _optimise(self, flat: float, tolerated: float = VIOLATED) -> Optimum:
         """Lexicographic descent, until x is optimal for the unsettled rows and no other was settled wrongly."""
         effort = inversions = 0
         proven = False
         while effort < ROUNDS and inversions < 10 + self._columns:
             state = self._basis.state
-            result = pivoting.improve(state, self._close, self._n, flat, SHIFT * 0.1**effort, VIOLATED)
+            result = pivoting.improve(state, self._close, self._n, flat, SHIFT * 0.1**effort, tolerated)
             stays, self._infeasible, consistent, feasible, objective, lower_bound, smallest = result
             if state.updates >= REFRESH:
                 self._basis.refresh()
