@@ -2,6 +2,9 @@
 
 import pathlib
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -12,7 +15,8 @@ from bench.program import start
 from bench.public import cpush, mitpush, stablepush, zhou2015
 from pushfric_core import InvalidInput
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import say
+from pushfric_core.commands.console import say, warn
+from pushfric_core.files.whole_file import make_folder
 from pushfric_core.wording import counted
 
 app = Application(pretty_exceptions_enable=False)
@@ -44,8 +48,34 @@ def import_(
         raise InvalidInput(f"unknown data set {dataset!r}; expected {' or '.join(DATA_SETS)}")
     if len(sources) > 1 and dataset != cpush.NAME:
         raise InvalidInput(f"{sources[1]}: only {cpush.NAME} takes more than one source")
-    for written in DATA_SETS[dataset].import_pushes(sources if dataset == cpush.NAME else sources[0], out):
-        say(f"{written.path}: {counted(written.observations, 'observation')} of {written.object}")
+    with whole_folder(out) as draft:
+        imported = DATA_SETS[dataset].import_pushes(sources if dataset == cpush.NAME else sources[0], draft)
+        left_out = [one for one in imported if isinstance(one, InvalidInput)]
+        if len(left_out) == len(imported):
+            raise left_out[0]
+    for one in imported:
+        if isinstance(one, InvalidInput):
+            warn(f"left out: {one}")
+        else:
+            say(f"{out / one.path.relative_to(draft)}: {counted(one.observations, 'observation')} of {one.object}")
+    if left_out:
+        warn(f"{counted(len(left_out), 'part')} of the data set left out")
+
+
+@contextmanager
+def whole_folder(out: pathlib.Path) -> Iterator[pathlib.Path]:
+    """A folder to make, which becomes `out` when the block ends, or vanishes if it fails.
+
+    Raises:
+        InvalidInput: `out` exists already, or cannot be made.
+    """
+    if out.exists():
+        raise InvalidInput(f"{out}: exists already; expected the name of a folder to make")
+    make_folder(out.parent)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as around:
+        draft = pathlib.Path(around, out.name)  # the files of a bag are named after its folder
+        yield draft
+        draft.rename(out)
 
 
 if __name__ == "__main__":

@@ -6,12 +6,13 @@ strokes, and each stroke that keeps to the face is an observation.
 
 import json
 import pathlib
+import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from bench.public.strokes import Imported, Stroke, nearest_edges, save_model, save_set
+from bench.public.strokes import Imported, Stroke, leaving_out, nearest_edges, save_model, save_set
 from pushfric_core import InvalidInput, Outline
 from pushfric_core.files.file_errors import shortened
 from pushfric_core.files.whole_file import make_folder
@@ -27,56 +28,77 @@ KEYS = {"timeJSON": 1, "q_sliderJSON": 3, "q_pusher_sensedJSON": 2}
 LENGTH = 0.02
 """The tip goes this far in a stroke [m]: far enough for the noise of the poses, and near enough that its way is straight."""
 
-POKED = "Pertubation"
-"""A file of which the name says this was poked by hand."""
+POKED = re.compile(r"pertur?bation", re.IGNORECASE)
+"""A file of which the name says this, in either spelling, was poked by hand."""
+
+SURFACES = ("black", "plywood")
+"""A file of which the name has one of these is of a run on that surface; the others are on the usual one."""
 
 LARGEST = 1e12
 """Largest number accepted in a file; times are seconds since 1970."""
 
 
-def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Imported]:
-    """Write the files of `strokes` for the block, from all runs together; push_id is the number of the run.
+def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Imported | InvalidInput]:
+    """Write the files of `strokes` for the block on each surface; push_id is the number of the run.
 
     Args:
         sources: files of runs.
-        out: folder to write.
-    Raises:
-        InvalidInput: a file is not a run, or was poked by hand, or the folder exists already.
+        out: folder to write into.
+    Returns:
+        What was written, and why a file is not a run, or one that cannot be used.
     """
-    if poked := [path for path in sources if POKED in path.name]:
-        raise InvalidInput(f"{poked[0]}: the block was poked by hand in this run; leave the file out")
     outline = Outline.rectangle(SIDE, SIDE)
-    strokes = [stroke._replace(run=run) for run, path in enumerate(sources) for stroke in read_run(path)]
-    if not strokes:
-        raise InvalidInput(f"{sources[0]}: the tip goes less than {1e3 * LENGTH:g} mm")
+    written: list[Imported | InvalidInput] = []
+    sets: dict[str, list[Stroke]] = {}
+    for run, path in enumerate(sources):
+        with leaving_out(written):
+            strokes = read_run(path)
+            sets.setdefault(_surface(path), []).extend(stroke._replace(run=run) for stroke in strokes)
     make_folder(out, new=True)
     save_model(BLOCK, outline, out)
-    # by what its distance from the outline says, in the median over begins and ends
+    for name, strokes in sets.items():
+        written.append(save_set(f"{name}_{BLOCK}", _with_radius(strokes, outline), outline, out))
+    return written
+
+
+def _surface(path: pathlib.Path) -> str:
+    return next((surface for surface in SURFACES if surface in path.name.lower()), NAME)
+
+
+def _with_radius(strokes: Sequence[Stroke], outline: Outline) -> list[Stroke]:
+    """The strokes with the radius of the tip: its distance from the outline, in the median over begins and ends."""
     ends = [end for one in strokes for end in ((one.before, one.tip_before), (one.after, one.tip_after))]
     places = np.array([transform(inverse(pose), tip) for pose, tip in ends])
     radius = float(np.median(nearest_edges(outline, places)[2]))
-    return [save_set(f"{NAME}_{BLOCK}", [stroke._replace(tip_radius=radius) for stroke in strokes], outline, out)]
+    return [stroke._replace(tip_radius=radius) for stroke in strokes]
 
 
 def read_run(path: pathlib.Path) -> list[Stroke]:
     """The strokes of a run, one after another.
 
     Raises:
-        InvalidInput: the file is not a run.
+        InvalidInput: the file is not a run, the block was poked, or the tip goes less than LENGTH.
     """
+    if POKED.search(path.name):
+        raise InvalidInput(f"{path}: the block was poked by hand in this run")
     try:
         content = json.loads(path.read_text())
         times, block, tip = (_table(content, key, rows) for key, rows in KEYS.items())
     except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise InvalidInput(f"{path}: not a run of {NAME}: {type(error).__name__}: {shortened(str(error))}") from error
     count = min(times.shape[1], block.shape[1], tip.shape[1])  # they may differ by a few
-    return _strokes(times[0, :count], block[:, :count], tip[:, :count].T)
+    run = np.vstack([table[:, :count] for table in (times, block, tip)])
+    run = run[:, np.isfinite(run).all(axis=0)]  # some values are null
+    strokes = _strokes(run[0], run[1:4], run[4:].T)
+    if not strokes:
+        raise InvalidInput(f"{path}: the tip goes less than {1e3 * LENGTH:g} mm")
+    return strokes
 
 
 def _table(content: dict[str, Any], key: str, rows: int) -> Array:
-    """The numbers (rows, n) under a key."""
+    """The numbers (rows, n) under a key; those that are null become NaN."""
     table = np.atleast_2d(np.array(content[key], dtype=float))
-    if table.ndim != 2 or len(table) != rows or not table.size or not (np.abs(table) <= LARGEST).all():
+    if table.ndim != 2 or len(table) != rows or not table.size or (np.abs(table) > LARGEST).any():
         raise ValueError(f"{key} must be {counted(rows, 'list')} of numbers, got an array of shape {table.shape}")
     return table
 
@@ -87,7 +109,7 @@ def _strokes(times: Array, block: Array, tip: Array) -> list[Stroke]:
     new = np.concatenate(([True], (np.diff(block, axis=1) != 0).any(axis=0)))
     block[2] = np.unwrap(block[2])
     strokes, begin = [], 0
-    while len(further := np.flatnonzero(np.linalg.norm(tip[begin:] - tip[begin], axis=1) >= LENGTH)):
+    while begin < len(tip) and len(further := np.flatnonzero(np.linalg.norm(tip[begin:] - tip[begin], axis=1) >= LENGTH)):
         end = begin + int(further[0])
         before, after = (Pose(*(float(np.interp(times[k], times[new], row[new])) for row in block)) for k in (begin, end))
         (x0, y0), (x1, y1) = tip[begin].tolist(), tip[end].tolist()

@@ -8,16 +8,18 @@ A file holds whole strokes of 40 mm with the ends that a fitted model predicts,
 and pairs of force and motion that the model was fitted to.
 """
 
+import functools
 import math
 import pathlib
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.io import loadmat
 
-from bench.public.strokes import Imported, Stroke, save_model, save_set, save_strokes
+from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_set, save_strokes
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.files.file_errors import reading, shortened
 from pushfric_core.files.observation_file import save_observations
@@ -55,35 +57,43 @@ RIGHT_ANGLE = 0.045
 CURVE = 99
 """Corners of an ellipse."""
 
-CORNER = re.compile(r"(-?\d*\.?\d+(?:e-?\d+)?)(?:\s*,\s*|\s+)(-?\d*\.?\d+(?:e-?\d+)?)")
+MATRIX = re.compile(r"=\s*\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")
+"""A matrix that is assigned in MATLAB, perhaps of rows in brackets of their own."""
 
 
-def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
+def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported | InvalidInput]:
     """Write the files of `strokes` for every surface and shape of a clone.
 
     Args:
         source: the clone.
-        out: folder to write.
+        out: folder to write into.
+    Returns:
+        What was written, and what cannot be read: a file, or the outline of a shape.
     Raises:
-        InvalidInput: the source is not such a clone, a file cannot be read, or the folder exists already.
+        InvalidInput: the source is not such a clone.
     """
     files = sorted(source.glob(f"{FOLDER}/*.mat"))
     found = [(*match.groups(), path) for path in files if (match := FILE.fullmatch(path.name))]
     if not found:
         raise InvalidInput(f"{source}: no {FOLDER}/wrench1twist1*.mat; expected a clone of PlanarManipulationToolBox")
-    outlines = {shape: outline_of(shape, source) for _, shape, _, _ in found}
     make_folder(out, new=True)
-    for shape, outline in outlines.items():
-        save_model(shape, outline, out)
-    written = []
+    written: list[Imported | InvalidInput] = []
+    outlines: dict[str, Outline] = {}
+    for shape in dict.fromkeys(shape for _, shape, _, _ in found):
+        with leaving_out(written):
+            outlines[shape] = outline_of(shape, source)
+            save_model(shape, outlines[shape], out)
     for surface, shape, model, path in found:
-        outline, name = outlines[shape], f"{surface}_{shape}"
-        strokes, pairs = read_file(path, outline)
-        if model == "poly4":
-            save_strokes(strokes, out / f"{name}{POLY4}")
-        else:
-            written.append(save_set(name, strokes, outline, out))
-            save_observations(pairs, out / f"{name}.csv")
+        with leaving_out(written):
+            if (outline := outlines.get(shape)) is None:
+                raise InvalidInput(f"{path}: without the outline of {shape}")
+            name, (strokes, pairs) = f"{surface}_{shape}", read_file(path, outline)
+            if model == "poly4":
+                save_strokes(strokes, out / f"{name}{POLY4}")
+            else:
+                written.append(save_set(name, strokes, outline, out, normal=functools.partial(normal_of, shape)))
+                pairs = [replace(pair, contact_normal=normal_of(shape, pair)) for pair in pairs]
+                save_observations(pairs, out / f"{name}.csv")
     return written
 
 
@@ -122,18 +132,33 @@ def outline_of(shape: str, clone: pathlib.Path) -> Outline:
     return Outline(np.column_stack((np.cos(angles), np.sin(angles))) * (x, y) / 2)
 
 
+def normal_of(shape: str, observation: Observation) -> tuple[float, float]:
+    """The unit outward normal at the contact of an observation: of an ellipse that of the curve, not of one of its edges."""
+    if not shape.startswith("ellip"):
+        return observation.contact_normal
+    (x, y), (across, along) = observation.contact_point, SIZES[shape]
+    nx, ny = x / across**2, y / along**2
+    return nx / math.hypot(nx, ny), ny / math.hypot(nx, ny)
+
+
 def _listed(shape: str, path: pathlib.Path) -> Array:
-    """The corners (n, 2) of a shape that the MATLAB function lists: the pairs of numbers after its name."""
+    """The corners (n, 2) of a shape that the MATLAB function lists: the first matrix after its name with rows of two."""
     with reading(path):
-        text = path.read_text(encoding="utf-8")
-    _, _, after = re.sub(r"%[^\n]*", "", text).partition(f"'{shape}'")
-    try:
-        corners = np.array(CORNER.findall(re.split(r"elseif|\bend\b", after)[0]), dtype=float).reshape(-1, 2)
-        corners = corners[np.any(corners != np.roll(corners, 1, axis=0), axis=1)]  # perhaps closed
-        Outline(corners)
-    except (ValueError, PushfricError) as error:
-        raise InvalidInput(f"{path}: the outline of {shape}: {error}") from error
-    return corners
+        text = path.read_text(encoding="utf-8", errors="replace")
+    text = re.sub(r"\.\.\.[^\n]*\n", " ", re.sub(r"%[^\n]*", "", text))
+    _, _, after = re.sub(r'"', "'", text).partition(f"'{shape}'")
+    for matrix in MATRIX.findall(re.split(r"\belseif\b|\bcase\b|\belse\b", after)[0]):
+        rows = [row.replace(",", " ").split() for row in re.split(r"[;\n\[\]]", matrix)]
+        rows = [row for row in rows if row]
+        if len(rows) > 2 and all(len(row) == 2 for row in rows):
+            try:
+                corners = np.array(rows, dtype=float)
+                corners = corners[np.any(corners != np.roll(corners, -1, axis=0), axis=1)]  # perhaps closed
+                Outline(corners)
+            except (ValueError, PushfricError) as error:
+                raise InvalidInput(f"{path}: the outline of {shape}: {error}") from error
+            return corners
+    raise InvalidInput(f"{path}: the outline of {shape}: expected a matrix of at least 3 rows of two numbers after '{shape}'")
 
 
 def _stroke(record: Any) -> Stroke:

@@ -6,12 +6,14 @@ SURFACE_OBJECT.csv with pairs of force and motion, and for each object OBJECT.ya
 
 import math
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core import Observation, Outline
+from pushfric_core import InvalidInput, Observation, Outline
 from pushfric_core.files.csv_table import read_table, save_table
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
 from pushfric_core.files.observation_file import save_observations
@@ -108,6 +110,15 @@ def steps_of(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation
     return steps
 
 
+@contextmanager
+def leaving_out(written: list[Imported | InvalidInput]) -> Iterator[None]:
+    """Import a part of a data set: if it cannot be used, the error goes to the list, and the others go on."""
+    try:
+        yield
+    except InvalidInput as error:
+        written.append(error)
+
+
 def nearest_edges(outline: Outline, points: Array) -> tuple[Array, Array, Array]:
     """The edges (k,) nearest to points (k, 2), the nearest points of them (k, 2), and the distances (k,) [m].
 
@@ -155,14 +166,26 @@ def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
     save_table(columns, rows, path)
 
 
-def save_set(name: str, strokes: Sequence[Stroke], outline: Outline, out: pathlib.Path) -> Imported:
+def save_set(
+    name: str,
+    strokes: Sequence[Stroke],
+    outline: Outline,
+    out: pathlib.Path,
+    normal: Callable[[Observation], tuple[float, float]] = lambda point: point.contact_normal,
+) -> Imported:
     """Write the strokes of a set, SURFACE_OBJECT, into a folder, and those of them that are observations.
 
+    Args:
+        name: of the set.
+        strokes: of the set.
+        outline: of the object, object frame.
+        out: the folder.
+        normal: the normal at the contact of an observation, if the outline is not exact.
     Raises:
         InvalidInput: a file cannot be written.
     """
     save_strokes(strokes, out / f"{name}{STROKES}")
-    points = [point for point in data_points(strokes, outline) if point is not None]
+    points = [replace(point, contact_normal=normal(point)) for point in data_points(strokes, outline) if point is not None]
     save_observations(points, out / f"{name}{DATA_POINTS}")
     return Imported(out / f"{name}{STROKES}", name.rpartition("_")[2], len(points))
 

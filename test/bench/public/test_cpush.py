@@ -42,6 +42,31 @@ def test_one_list_of_times_may_be_nested(tmp_path):
     assert len(cpush.read_run(path)) == 1
 
 
+def test_one_bad_run_stops_none_of_the_others(tmp_path):
+    """Some values are null; some runs were poked by hand, in either spelling; each surface is a set of its own."""
+    content = json.loads(public_sets.run_file())
+    for table, row, column in (("q_sliderJSON", 2, 9), ("q_pusher_sensedJSON", 0, 250), ("timeJSON", None, 77)):
+        (content[table] if row is None else content[table][row])[column] = None
+    sources = [
+        *runs(tmp_path, "StraightLine1.json", content=json.dumps(content).encode()),
+        *runs(tmp_path, "StraightLine2.json", "StraightLine_Black.json", "StraightLinePlywood3.json"),
+        *runs(tmp_path, "StraightLinePertubations.json", "StraightLine_Perturbation.json"),
+        *runs(tmp_path, "StraightLine9.json", content=b'{"timeJSON": [nul'),
+    ]
+    found = cpush.import_pushes(sources, tmp_path / "out")
+    assert [(one.path.name, one.observations) for one in found if not isinstance(one, InvalidInput)] == [
+        ("cpush_block.strokes.csv", 2),
+        ("black_block.strokes.csv", 1),
+        ("plywood_block.strokes.csv", 1),
+    ]
+    assert [stroke.run for stroke in read_strokes(tmp_path / "out" / "plywood_block.strokes.csv")] == [3]
+    left_out = [str(one) for one in found if isinstance(one, InvalidInput)]
+    assert len(left_out) == 3
+    for path, line, reason in zip(sources[4:], left_out, ("poked by hand", "poked by hand", "not a run of cpush"), strict=True):
+        assert line.startswith(f"{path}: ")
+        assert reason in line
+
+
 @pytest.mark.parametrize(
     ("name", "content", "error"),
     [
@@ -62,6 +87,6 @@ def test_one_list_of_times_may_be_nested(tmp_path):
     ],
 )
 def test_other_files_are_refused(tmp_path, name, content, error):
+    (path,) = runs(tmp_path, name, content=content)
     with pytest.raises(InvalidInput, match=error):
-        cpush.import_pushes(runs(tmp_path, name, content=content), tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+        cpush.read_run(path)

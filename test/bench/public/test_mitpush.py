@@ -1,4 +1,5 @@
 import math
+import pathlib
 import shutil
 
 import numpy as np
@@ -75,30 +76,67 @@ def test_the_outlines_are_those_of_the_published_tables(mit_pushes, tmp_path, sh
     assert mitpush.outline_of(shape, tmp_path).vertices == pytest.approx(theirs.vertices, abs=1e-6)
 
 
-def test_a_listed_outline_is_read_from_the_clone(tmp_path):
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        "[-0.04, 0.04; ... % begins here\n 0.04, 0.04; 0.03, -0.04; -0.03 -0.04]",
+        "[[-0.04, 0.04]; [0.04, 4e-2]; ...\n [0.03, -0.04]; [-0.03, -0.04]]",
+        "[[-0.04, 0.04]; [ 0.04, +.04];...\n ...\n [3e-2 -0.04];\n [-0.03,-0.04];]",
+        "[ -0.04 0.04\n 0.04 0.04\n 0.03 -0.04\n -0.03 -0.04 ]",
+        "[-0.04, 0.04; 0.04, 0.04; 0.03, -0.04; -0.03, -0.04; -0.04, 0.04]",
+    ],
+)
+@pytest.mark.parametrize(
+    "branch",
+    [
+        "if strcmp(id, 'butter')\n  shape.size = [1, 2];\n  shape.shape_vertices = {};\nend\n",
+        "elseif strcmp(shape_id, 'butter') == 1\nshape.shape_type = 'poly';\nv = {};\nelseif strcmp(id,'rect1')\na = 0.09/2.0;",
+        'case "butter"\n shape.vertices={}; % [1, 2; 3, 4; 5, 7]\ncase "rect1"\n b = [0, 1; 2, 3; 4, 4]',
+    ],
+)
+def test_a_listed_outline_is_read_from_the_clone(tmp_path, branch, matrix):
     (tmp_path / "pnpush_matlab").mkdir()
-    rows = b"shape = [[-0.04, 0.04]; [0.04, 4e-2]; ...\n [0.03, -0.04]; [-0.03, -0.04]];"
+    (tmp_path / mitpush.OUTLINES).write_text(branch.format(matrix))
     expected = Outline(np.array(((-0.04, 0.04), (0.04, 0.04), (0.03, -0.04), (-0.03, -0.04))))
-    for text in (public_sets.BUTTER, b"elseif strcmp(id,'butter')\n" + rows + b"\nelseif strcmp(id,'rect1')\na = 0.09/2.0;"):
-        (tmp_path / mitpush.OUTLINES).write_bytes(text)
-        assert mitpush.outline_of("butter", tmp_path) == expected
-    with pytest.raises(InvalidInput, match="the outline of margarine: an outline needs"):
+    assert mitpush.outline_of("butter", tmp_path) == expected
+    with pytest.raises(InvalidInput, match=r"the outline of margarine: expected a matrix of at least 3 rows of two numbers"):
         mitpush.outline_of("margarine", tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("names", "content", "error"),
-    [
-        ([], None, "expected a clone of PlanarManipulationToolBox"),
-        (["abs_rect1_quadratic"], b"MATLAB", "rect1_quadratic_v10.mat: not a file of mitpush"),
-        (["abs_butter_quadratic"], None, "get_shape.m: cannot be read: No such file"),
-    ],
-)
-def test_other_folders_are_refused(tmp_path, names, content, error):
-    with pytest.raises(InvalidInput, match=error):
-        mitpush.import_pushes(clone(tmp_path / "clone", *names, content=content), tmp_path / "out")
+def test_the_normal_of_an_ellipse_is_that_of_the_curve(tmp_path):
+    source = clone(tmp_path / "clone", "abs_ellip3_quadratic")
+    mitpush.import_pushes(source, tmp_path / "out")
+    outline = load_object(str(tmp_path / "out" / "ellip3.yaml")).outline
+    a, b = np.array(mitpush.SIZES["ellip3"]) / 2
+    pairs = read_observations(tmp_path / "out" / "abs_ellip3.csv", outline)
+    assert pairs
+    for (x, y), (nx, ny) in ((pair.contact_point, pair.contact_normal) for pair in pairs):
+        assert abs((x / a) ** 2 + (y / b) ** 2 - 1) < 4e-3
+        # along the gradient of the curve's equation; no edge has this normal
+        assert nx * y / b**2 - ny * x / a**2 == pytest.approx(0, abs=1e-5 * math.hypot(x / a**2, y / b**2))
+        assert (outline.normals @ (nx, ny)).max() < 1 - 1e-7
 
 
-def test_nothing_is_written_over(tmp_path):
-    with pytest.raises(InvalidInput, match="cannot be created: File exists"):
-        mitpush.import_pushes(clone(tmp_path / "clone", "abs_rect1_quadratic"), tmp_path)
+def test_what_cannot_be_read_stops_nothing_else(tmp_path):
+    source = clone(tmp_path / "clone", "abs_rect1_quadratic", "abs_butter_quadratic", "plywood_rect1_quadratic")
+    broken = source / mitpush.FOLDER / "wrench1twist1_20percenttrainingplywood_rect1_quadratic_v10.mat"
+    broken.write_bytes(broken.read_bytes()[:300])
+    found = mitpush.import_pushes(source, tmp_path / "out")
+    assert [one.path.name for one in found if not isinstance(one, InvalidInput)] == ["abs_rect1.strokes.csv"]
+    left_out = sorted(pathlib.Path(str(one).partition(":")[0]).name for one in found if isinstance(one, InvalidInput))
+    assert left_out == [
+        "get_shape.m",
+        "wrench1twist1_20percenttrainingabs_butter_quadratic_v10.mat",
+        "wrench1twist1_20percenttrainingplywood_rect1_quadratic_v10.mat",
+    ]
+
+
+def test_another_folder_is_refused(tmp_path):
+    with pytest.raises(InvalidInput, match="expected a clone of PlanarManipulationToolBox"):
+        mitpush.import_pushes(clone(tmp_path / "clone"), tmp_path / "out")
+
+
+def test_a_file_of_another_kind_is_refused(tmp_path):
+    (tmp_path / "some.mat").write_bytes(b"MATLAB")
+    with pytest.raises(InvalidInput, match=r"some\.mat: not a file of mitpush"):
+        mitpush.read_file(tmp_path / "some.mat", public_sets.OUTLINE)
