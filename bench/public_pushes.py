@@ -5,12 +5,14 @@ others that predict have the mu_c of the fit: uniform pressure, and its ellipsoi
 fitted to force and motion is compared on the same strokes.
 """
 
+import itertools
 import math
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich.box import SIMPLE
 from rich.table import Table
 from shapely.geometry import Point
 
@@ -37,9 +39,9 @@ from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_objec
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Pose, Twist, compose, exp, inverse, rotation, transform
-from pushfric_core.mechanics.prediction import ELLIPSE, FrictionModel
+from pushfric_core.mechanics.prediction import ELLIPSE, ELLIPSOID, FrictionModel
 from pushfric_core.mechanics.simulation import TOUCHING
-from pushfric_core.mechanics.strokes import STEP, predict_strokes
+from pushfric_core.mechanics.strokes import STEP, Strokes, predict_strokes
 
 FEW, DRAWS = 10, 6
 """Number of strokes, and of random choices of so many."""
@@ -53,12 +55,15 @@ BACK = 0.1
 LARGEST_START_GAP = 0.005
 """A stroke whose tip is farther from the outline when it begins, or as deep in it, is no push [m]: its poses are mistaken."""
 
+ESTIMATED = 8
+"""So many columns of the table, the first ones, are about the estimate."""
+
 FINE = 30
 """Points in a row of the uniform pressure."""
 
 CONTENDERS = {
     "half": "pushfric",
-    "few": f"pushfric, {FEW} strokes",
+    "few": f"pushfric, {FEW}",
     "uniform": "uniform",
     "ellipsoid": "its ellipsoid",
     "zhou_ellipsoid": "Zhou's ellipsoid",
@@ -118,8 +123,10 @@ class PublicPushes:
 
         Returns:
             {"sets": [{"folder", "set", "strokes", "data_points", "p_cf_error", "program_error", "radius", "held", "mu_c",
-            "mu_c_low", "mu_c_high", "few": [{"p_cf_error", "radius", "held"}], "rolled", "errors": {contender:
-            {"position", "angle", "combined"}}}]}; "radius" is that of the 90 % ellipse, "few" has FEW strokes each.
+            "mu_c_low", "mu_c_high", "few": [{"p_cf_error", "radius", "held"}], "rolled", "within": {"half", "few"}, "errors":
+            {contender: {"position", "angle", "combined"}}}], "surfaces": [{"object", "sets", "apart", "agree"}]}; "radius" is
+            that of the 90 % ellipse, "few" has FEW strokes each, "within" is the share of the strokes rolled out that end in
+            the 90 % region claimed for them, and "surfaces" compares p_CF of one object in two sets.
         """
         rows, estimates = [], []
         for number, one in enumerate(self._sets):
@@ -130,15 +137,54 @@ class PublicPushes:
         plot(rows, self._plot)
         gallery(self._sets, estimates, self._plot.with_stem(f"{self._plot.stem}_gallery"))
         write_whole(self._plot.with_suffix(".md"), table(*_cells(rows)))
-        return {"sets": rows}
+        pairs = itertools.combinations(zip(self._sets, estimates, strict=True), 2)
+        same = [_compared(one, other) for one, other in pairs if one[0].folder == other[0].folder]
+        return {"sets": rows, "surfaces": [pair for pair in same if pair is not None]}
 
     def tables(self, figures: Figures) -> Iterator[Table]:
-        """One table: a line for each set, and one for each folder."""
+        """What was estimated, and how strokes were foretold, by set and folder; and the objects of two sets."""
         heads, rows = _cells(figures["sets"])
-        table = Table(*heads, title="Public pushes")
-        for row in rows:
-            table.add_row(*row)
-        yield table
+        rows = [[row[0].partition("__")[0], *row[1:]] for row in rows]
+        estimated = [[cell.partition(" (")[0] for cell in row[:ESTIMATED]] for row in rows]
+        yield _table("Public pushes: what was estimated [mm]", heads[:ESTIMATED], estimated)
+        combined = [[row[0], row[ESTIMATED], *(cell.rpartition(", ")[2] for cell in row[ESTIMATED + 1 :])] for row in rows]
+        title = "Public pushes: strokes that were not fitted, position and angle combined [mm]"
+        yield _table(title, [heads[0], *heads[ESTIMATED:]], combined)
+        if pairs := figures["surfaces"]:
+            lines = [
+                [pair["object"], " and ".join(pair["sets"]), f"{1e3 * pair['apart']:.1f}", "yes" if pair["agree"] else "no"]
+                for pair in pairs
+            ]
+            heads = ["object", "sets", "p_CF apart [mm]", "within both regions"]
+            yield _table("Public pushes: one object in two sets", heads, lines)
+
+
+def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
+    for head in heads:
+        table.add_column(head, no_wrap=head == heads[0])
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+Judged = tuple[PublicSet, tuple[Estimate, FrictionModel]]
+
+
+def _compared(one: Judged, other: Judged) -> Figures | None:
+    """Whether the regions of two sets of one object, on two surfaces, allow that its p_CF is the same; None: two objects."""
+    if one[0].model.name != other[0].model.name:
+        return None
+    (_, first), (_, second) = one[1], other[1]
+    assert first.covariance is not None
+    assert second.covariance is not None
+    apart = first.center_of_friction - second.center_of_friction
+    return {
+        "object": one[0].model.name,
+        "sets": [one[0].name, other[0].name],
+        "apart": float(np.hypot(*apart)),
+        "agree": bool(apart @ np.linalg.solve(first.covariance + second.covariance, apart) <= ELLIPSE),
+    }
 
 
 def sets_in(folder: pathlib.Path) -> list[PublicSet]:
@@ -274,10 +320,11 @@ def _measured(
     chosen = [lines[row] for row in rows]
     even = outline.grid(FINE, FINE, 0.0)
     uniform = FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), by_half.mean_mu_c)
+    own = {"half": [_rolled(by_half, outline, chosen)], "few": [_rolled(model, outline, chosen) for model in by_few]}
+    figures["within"] = {name: float(np.mean([_within(one, truth, by_half.length) for one in own[name]])) for name in own}
     ends = {
-        "half": [_rolled(by_half, outline, chosen)],
-        "few": [_rolled(model, outline, chosen) for model in by_few],
-        "uniform": [_rolled(uniform, outline, chosen)],
+        **{name: [one.means for one in own[name]] for name in own},
+        "uniform": [_rolled(uniform, outline, chosen).means],
         "ellipsoid": [_rolled_ellipsoid(uniform, outline, chosen)],
         "zhou_ellipsoid": _stored([one.strokes[row].predicted for row in rows]),
         "zhou_quartic": _stored([one.quartic[row] for row in rows]),
@@ -298,10 +345,24 @@ def _stored(poses: Sequence[Pose | None]) -> list[Array]:
     return [] if not poses or any(pose is None for pose in poses) else [np.array(poses)]
 
 
-def _rolled(model: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> Array:
-    """The ends (k, 3) with the mean of a model."""
+def _rolled(model: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> Strokes:
     poses, lines, _, ends = zip(*chosen, strict=True)
-    return predict_strokes(model.mean, outline, poses, lines, ends).means
+    return predict_strokes(model, outline, poses, lines, ends)
+
+
+def _within(strokes: Strokes, truth: Array, arm: float) -> float:
+    """The share of k strokes that end, at poses (k, 3), in the 90 % region claimed for them; an angle has an arm [m]."""
+    off = _apart(strokes.means, truth) * (1.0, 1.0, arm)
+    covariances = strokes.covariance * np.outer((1.0, 1.0, arm), (1.0, 1.0, arm)) + LEAST_DIVISOR * np.eye(3)
+    squares = np.sum(off * np.linalg.solve(covariances, off[..., None])[..., 0], axis=1)
+    return float(np.mean(squares <= ELLIPSOID))
+
+
+def _apart(poses: Array, others: Array) -> Array:
+    """Differences (k, 3) of poses [m, m, rad]."""
+    apart = poses - others
+    apart[:, 2] = (apart[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    return apart
 
 
 def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> Array:
@@ -326,9 +387,8 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
 
 def mean_errors(found: Sequence[Array], truth: Array, arm: float) -> Figures:
     """Means over strokes, of each of some predictions (k, 3) [m, rad]; an angle counts with an arm [m]."""
-    apart = np.concatenate([one - truth for one in found])
-    places = np.hypot(apart[:, 0], apart[:, 1])
-    turns = np.abs((apart[:, 2] + np.pi) % (2 * np.pi) - np.pi)
+    apart = np.concatenate([_apart(one, truth) for one in found])
+    places, turns = np.hypot(apart[:, 0], apart[:, 1]), np.abs(apart[:, 2])
     means = (float(np.mean(values)) for values in (places, turns, places + arm * turns))
     return dict(zip(("position", "angle", "combined"), means, strict=True))
 
@@ -338,12 +398,13 @@ def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
     heads = [
         "set",
         "strokes",
-        "p_CF off, program",
+        "program off",
         "p_CF off",
         "held",
         "mu_c",
-        f"p_CF off, {FEW} strokes",
+        f"{FEW} strokes: off",
         "held",
+        "within",
         *CONTENDERS.values(),
     ]
     lines = [
@@ -352,6 +413,7 @@ def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
             f"{row['data_points']} of {row['strokes']}",
             _program([row]),
             *_centers([row], row["few"]),
+            _claimed([row]),
             *_rolled_out([row]),
         ]
         for row in rows
@@ -359,7 +421,9 @@ def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
     for folder in dict.fromkeys(row["folder"] for row in rows):
         some = [row for row in rows if row["folder"] == folder]
         few = [one for row in some for one in row["few"]]
-        lines.append([f"{folder}: {len(some)} sets", "", _program(some), *_centers(some, few), *_rolled_out(some)])
+        lines.append(
+            [f"all {len(some)} of {folder}", "", _program(some), *_centers(some, few), _claimed(some), *_rolled_out(some)]
+        )
     return heads, lines
 
 
@@ -383,6 +447,11 @@ def _held(estimates: Sequence[Figures]) -> str:
     if len(estimates) == 1:
         return "-" if not told else "yes" if told[0] else "no"
     return f"{sum(told)} of {len(told)}"
+
+
+def _claimed(rows: Sequence[Figures]) -> str:
+    """How many of 100 strokes end in the region claimed for them: learnt from half of the strokes, and from FEW."""
+    return ", ".join(f"{100 * float(np.mean([row['within'][name] for row in rows])):.0f}" for name in ("half", "few"))
 
 
 def _mu_c(row: Figures) -> str:

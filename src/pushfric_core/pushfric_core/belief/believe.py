@@ -18,11 +18,12 @@ from pushfric_core.belief.fit import (
     damped,
     errors_at,
     limit_of,
-    misfits,
     root_of,
     row_weights,
+    sizes_off,
     solved,
 )
+from pushfric_core.belief.linearisation import errors_per_way
 from pushfric_core.belief.mode import Mode, finding
 from pushfric_core.belief.stretches import size_of, steps_of
 from pushfric_core.geometry.planar import Array, as_array
@@ -136,7 +137,9 @@ def drawn(mode: Mode, count: int) -> FrictionModel:
     kind = Kind.FORCE if problem.data.slid.any() else Kind.BOUND if is_open else Kind.SLIP
     logs = math.log(MU_C) + MU_C_SPREAD * np.concatenate(values)
     share = np.full(2 * PAIRS, 1 / (2 * PAIRS))
-    return FrictionModel(points, samples, np.exp(logs), share, _misfit(problem, found), covariance, kind, count)
+    mu_cs = np.exp(logs)
+    misfits = _misfits(mode, float(share @ mu_cs))
+    return FrictionModel(points, samples, mu_cs, share, *misfits, covariance, kind, count)
 
 
 def _covariance(mode: Mode, to_center: Array) -> Array:
@@ -173,10 +176,20 @@ def _corrected(places: Array, wanted: Array, to_center: Array) -> Array:
     return np.asarray(change @ solved(square + 1e-9 * np.trace(square) * np.eye(2) + 1e-30 * np.eye(2), to_center))
 
 
-def _misfit(problem: Problem, found: Fit) -> float:
-    """The angle that 90 % of new motions stay below, by those of the pushes that were fitted [rad]."""
-    angles = np.sort(misfits(problem, found))
-    rank = min(math.ceil(SHARE * (len(angles) + 1) - 1e-9), len(angles))
-    rows = found.rows
-    fitted = float(np.sum(rows * damped(rows, rows.T).T))
-    return min(float(angles[rank - 1]) * math.sqrt(problem.left(0.0) / problem.left(fitted)), math.pi)
+def _misfits(mode: Mode, mu_c: float) -> tuple[float, float]:
+    """`misfit` and `stroke_misfit` of a `FrictionModel`: by the steps, and the whole stretches, that were fitted."""
+    problem, found = mode.problem, mode.fit
+    fitted, steps = found.fitted, float(problem.freedom[problem.data.stretch].sum())
+    of_steps = _reached(errors_per_way(problem.place, problem.data, mode.w, mu_c))
+    of_stretches = _reached(sizes_off(problem, found) / problem.data.lengths)
+    few = _few(len(np.unique(problem.data.push)))
+    return (
+        of_steps * math.sqrt(steps / max(steps - fitted, steps / 4)),
+        of_stretches * math.sqrt(few * problem.left(0.0) / problem.left(fitted)),
+    )
+
+
+def _reached(values: Array) -> float:
+    """A bound that 90 % of new values stay below; of fewer than nine, the largest."""
+    rank = min(math.ceil(SHARE * (len(values) + 1) - 1e-9), len(values))
+    return float(np.sort(values)[rank - 1])

@@ -76,6 +76,12 @@ class Fit(NamedTuple):
     evidence: float
 
     @property
+    def fitted(self) -> float:
+        """How many parameters the pushes determine."""
+        rows = self.rows
+        return float(np.sum(rows * damped(rows, rows.T).T))
+
+    @property
     def rows(self) -> Array:
         """(3k + f, n + 1) the slopes, weighted: their squares add up to what the pushes say of the parameters."""
         return np.asarray(np.sqrt(self.weights)[:, None] * self.slopes)
@@ -214,10 +220,14 @@ def of_stretches(problem: Problem, off: Array) -> Array:
     return off[: 3 * len(problem.freedom)].reshape(-1, 3)
 
 
+def sizes_off(problem: Problem, fit: Fit) -> Array:
+    """By how much the motions of the stretches are off (k,) [m]."""
+    return np.asarray(np.linalg.norm((fit.roots @ of_stretches(problem, fit.off)[..., None])[..., 0], axis=1))
+
+
 def misfits(problem: Problem, fit: Fit) -> Array:
     """The angles (k,) by which the motions of the stretches are off [rad]."""
-    sizes = np.linalg.norm((fit.roots @ of_stretches(problem, fit.off)[..., None])[..., 0], axis=1)
-    return np.asarray(np.arctan2(sizes, motion_sizes(problem.place, problem.data)))
+    return np.asarray(np.arctan2(sizes_off(problem, fit), motion_sizes(problem.place, problem.data)))
 
 
 def _cost(problem: Problem, at: Array, roots: Array) -> float:

@@ -42,6 +42,13 @@ def errors(place: Place, data: Stretches, w: Array, mu_c: float) -> Array:
     return _summed(data, _off(place, data, velocities, turns))
 
 
+def errors_per_way(place: Place, data: Stretches, w: Array, mu_c: float) -> Array:
+    """How far the predicted motion of each step (r,) is off, as a share of the tip's way."""
+    velocities, turns, _, _ = _predicted(place, data, w, mu_c)
+    off = np.linalg.norm(_off(place, data, velocities, turns), axis=1)
+    return np.asarray(off / np.maximum(np.linalg.norm(data.ways, axis=1), TINY))
+
+
 def with_bounds(place: Place, data: Stretches, w: Array) -> Stretches:
     """The same, but where neither tip nor force is known, w gives the force's ratio, which is at most mu_c (eq. 12).
 

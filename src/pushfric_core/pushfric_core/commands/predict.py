@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import warn
 from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption
 from pushfric_core.commands.planning import ModelArgument, known
@@ -28,7 +29,8 @@ def predict(
 ) -> None:
     """The spread is an angle: 90 % of measured twists lie within it of the predicted one."""
     file, pushed = known(model, object_name, namespace)
-    found = predicted(file.friction(), *read_point_pushes(pushes, pushed.outline))
+    friction = file.friction()
+    found = predicted(friction, *read_point_pushes(pushes, pushed.outline))
     rows = [
         {
             "twist": found.twists[push].tolist(),
@@ -39,6 +41,8 @@ def predict(
         }
         for push in range(len(found.modes))
     ]
+    if friction.limit is not None:
+        warn(friction.limit)
     answer(rows, json, _lines(rows))
 
 

@@ -78,7 +78,8 @@ class BeliefFile(Strict):
     radius: Positive | None = None  # about p_CF, holds the true one with 90 % [m]
     w: Annotated[list[Share], pydantic.Field(min_length=1)]  # the mean
     mu_c: ContactFrictionFile | None = None  # None: nothing was measured
-    misfit: Annotated[float, pydantic.Field(ge=0, le=np.pi)]  # see pushfric_core.FrictionModel [rad]
+    misfit: Positive  # see pushfric_core.FrictionModel
+    stroke_misfit: Positive
     samples: Annotated[tuple[SampleFile, ...], pydantic.Field(min_length=1)]  # what predictions use
 
 
@@ -138,7 +139,9 @@ class ModelFile(Strict):
         covariance = None if belief.covariance is None else np.array(belief.covariance)
         kind = None if belief.mu_c is None else Kind(belief.mu_c.kind)
         w, mu_c, share = (np.array([getattr(sample, name) for sample in belief.samples]) for name in ("w", "mu_c", "weight"))
-        return FrictionModel(points, w, mu_c, share, belief.misfit, covariance, kind, self.made.data_points)
+        return FrictionModel(
+            points, w, mu_c, share, belief.misfit, belief.stroke_misfit, covariance, kind, self.made.data_points
+        )
 
     @property
     def rests_on(self) -> str:
@@ -213,6 +216,7 @@ def _belief(friction: FrictionModel) -> BeliefFile:
         w=friction.support.weights.tolist(),
         mu_c=known and ContactFrictionFile(value=known.value, interval=(known.low, known.high), kind=known.kind),
         misfit=friction.misfit,
+        stroke_misfit=friction.stroke_misfit,
         samples=tuple(SampleFile(**sample) for sample in friction.samples),
     )
 

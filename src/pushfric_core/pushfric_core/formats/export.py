@@ -33,6 +33,7 @@ def json(body: Body) -> dict[str, str]:
         "w": friction.support.weights.tolist(),
         "center_of_friction": friction.center_of_friction.tolist(),
         "misfit": friction.misfit,
+        "stroke_misfit": friction.stroke_misfit,
         "samples": friction.samples,
         "feet": {
             "points": feet.support.points.tolist(),

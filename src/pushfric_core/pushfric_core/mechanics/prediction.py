@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.geometry.planar import Array, as_array, frozen, left_of
+from pushfric_core.geometry.planar import Array, as_array, frozen, left_of, velocity_at
 from pushfric_core.geometry.support import Support, center_of_friction, check_points, rms_arm
 from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.quasi_static import MODES, SUM, Motions
@@ -23,6 +23,9 @@ from pushfric_core.wording import counted
 
 SHARE = 0.9
 """The truth lies within a spread this often."""
+
+ELLIPSOID = 6.251
+"""x' C^-1 x at the edge of the ellipsoid of a normal distribution in space that holds SHARE of it."""
 
 STICKING = 1e6
 """A contact friction coefficient with which no tip slides."""
@@ -63,7 +66,9 @@ class FrictionModel:
         w: (s, n) support friction distributions, >= 0, each with sum 1.
         mu_c: (s,) contact friction coefficients, >= 0 and finite.
         share: (s,) weights of the samples, sum 1.
-        misfit: 90 % of new motions are off by a smaller angle, apart from what the samples differ in [rad].
+        misfit: 90 % of new observations are off by less than this share of the tip's way, apart from what the samples differ
+            in: a motion as (v at p_CF, length * omega).
+        stroke_misfit: the same of whole strokes, in which the noise of observations cancels.
         covariance: (2, 2) of p_CF about the truth [m^2]; None: the pushes do not show it, or nothing was learned from pushes.
         kind: what mu_c rests on; None: it is given.
         data_points: number of observations that the model was learned from.
@@ -83,6 +88,7 @@ class FrictionModel:
     mu_c: Array
     share: Array
     misfit: float = 0.0
+    stroke_misfit: float = 0.0
     covariance: Array | None = None
     kind: Kind | None = None
     data_points: int = 0
@@ -94,8 +100,9 @@ class FrictionModel:
         share = frozen(self.share)
         if share.shape != (len(w),) or not (share >= 0).all() or not abs(share.sum() - 1) < SUM:
             raise ValueError(f"share must have shape ({len(w)},), nonnegative with sum 1, got {share.tolist()}")
-        if not 0 <= self.misfit <= np.pi:
-            raise ValueError(f"misfit must lie in [0, pi] rad, got {self.misfit}")
+        for name in ("misfit", "stroke_misfit"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)}")
         for name, array in (("support_points", points), ("w", w), ("mu_c", mu_c), ("share", share)):
             object.__setattr__(self, name, array)
         if self.covariance is not None:
@@ -107,9 +114,9 @@ class FrictionModel:
         return f"<FrictionModel: p_CF ({x:.2f}, {y:.2f}) mm, mu_c {self.mean_mu_c:.3f}, {samples}>"
 
     @classmethod
-    def of(cls, support: Support, mu_c: float, misfit: float = 0.0) -> FrictionModel:
+    def of(cls, support: Support, mu_c: float, misfit: float = 0.0, stroke_misfit: float = 0.0) -> FrictionModel:
         """The model of a single sample."""
-        return cls(support.points, support.weights[None], np.array((mu_c,)), np.ones(1), misfit)
+        return cls(support.points, support.weights[None], np.array((mu_c,)), np.ones(1), misfit, stroke_misfit)
 
     @cached_property
     def support(self) -> Support:
@@ -127,12 +134,13 @@ class FrictionModel:
             raise ValueError(f"count must be at least 1, got {count}")
         levels = (np.arange(count) + 0.5) / count
         rows = np.minimum(np.searchsorted(np.cumsum(self.share), levels), len(self.w) - 1)
-        return [FrictionModel(self.support_points, self.w[[k]], self.mu_c[[k]], np.ones(1), self.misfit) for k in rows]
+        misfits = self.misfit, self.stroke_misfit
+        return [FrictionModel(self.support_points, self.w[[k]], self.mu_c[[k]], np.ones(1), *misfits) for k in rows]
 
     @cached_property
     def mean(self) -> FrictionModel:
         """The model of a single sample: the mean friction."""
-        return FrictionModel.of(self.support, self.mean_mu_c, self.misfit)
+        return FrictionModel.of(self.support, self.mean_mu_c, self.misfit, self.stroke_misfit)
 
     @property
     def with_mean(self) -> tuple[Array, Array]:
@@ -166,6 +174,14 @@ class FrictionModel:
             return MuC(None, float(np.quantile(self.mu_c, 1 - SHARE)), math.inf, self.kind)
         low, value, high = np.quantile(self.mu_c, ((1 - SHARE) / 2, 0.5, (1 + SHARE) / 2)).tolist()
         return MuC(value, low, high, self.kind)
+
+    @property
+    def limit(self) -> str | None:
+        """Where its predictions may not hold, in words; None: nowhere that is known."""
+        known = self.known_mu_c
+        if known is None or known.value is not None:
+            return None
+        return f"mu_c is only known to be at least {known.low:.2f}: if the tip slides, the predictions may not hold"
 
     @cached_property
     def mean_mu_c(self) -> float:
@@ -249,8 +265,11 @@ def predict(
     count = len(model.w)
     samples = Motions(moved.twists[:, :count], moved.modes[:, :count], moved.forces[:, :count])
     scatter = _quantile(model.angles(samples.twists, twists[:, None]), model.share, SHARE)
-    spread = np.where(modes == quasi_static.FREE, 0.0, np.minimum(np.hypot(scatter, model.misfit), np.pi))
-    covariance = scattered(samples.twists, twists, model.share) + _of_misfit(model, twists)
+    moves = modes != quasi_static.FREE
+    off = np.where(moves, model.misfit * np.linalg.norm(as_array(tip_velocities), axis=-1), 0.0)
+    by_misfit = np.arctan2(off, np.linalg.norm(model.centered(twists), axis=-1))
+    spread = np.where(moves, np.minimum(np.hypot(scatter, by_misfit), np.pi), 0.0)
+    covariance = scattered(samples.twists, twists, model.share) + of_misfit(model, off)
     return Predictions(twists, tuple(MODES[mode] for mode in modes), forces, spread, samples, covariance)
 
 
@@ -260,19 +279,22 @@ def scattered(samples: Array, about: Array, share: Array) -> Array:
     return np.asarray(np.sum(share[:, None, None] * differences[..., :, None] * differences[..., None, :], axis=1))
 
 
-def _of_misfit(model: FrictionModel, twists: Array) -> Array:
-    """The covariances (k, 3, 3) of twists (k, 3) that are off by the misfit in 90 of 100 cases, in no preferred direction.
+def of_misfit(model: FrictionModel, off: Array, angles: npt.ArrayLike = 0.0) -> Array:
+    """The covariances (k, 3, 3) of the origin's motions that are off by less than `off` (k,) [m] in 90 of 100 cases.
 
-    Such an error lies across the twist, as (v at p_CF, length * omega): two normal deviates exceed the misfit in 10 % of cases.
+    The errors have no preferred direction as (v at p_CF, length * omega).
+
+    Args:
+        model: of the object.
+        off: (k,) [m].
+        angles: (k,) of the object in the frame of the motions [rad].
     """
     x, y = model.center_of_friction
-    # from (v at p_CF, length * omega) to the twist of the origin
-    back = np.array(((1.0, 0.0, y / model.length), (0.0, 1.0, -x / model.length), (0.0, 0.0, 1 / model.length)))
-    centered = model.centered(twists)
-    squares = np.sum(centered**2, axis=1)
-    across = squares[:, None, None] * np.eye(3) - centered[:, :, None] * centered[:, None, :]
-    variance = model.misfit**2 / (-2 * np.log(1 - SHARE))
-    return np.asarray(variance * np.einsum("ia,kab,jb->kij", back, across, back))
+    c, s = np.cos(angles), np.sin(angles)
+    back = np.zeros((*np.shape(off), 3, 3))
+    back[:, range(3), range(3)] = 1.0, 1.0, 1 / model.length
+    back[:, 0, 2], back[:, 1, 2] = (s * x + c * y) / model.length, (s * y - c * x) / model.length
+    return np.asarray((off**2 / ELLIPSOID)[:, None, None] * (back @ np.swapaxes(back, 1, 2)))
 
 
 @comparable
@@ -360,14 +382,26 @@ def stability(
     return Stability(margins >= 0, margins, np.minimum(held, 1.0))
 
 
-def prediction_errors(model: FrictionModel, observations: Sequence[Observation]) -> Array:
-    """Angles (m,) between the motions of m >= 1 observations and those that the mean friction predicts [rad].
+@comparable
+class Foretold(NamedTuple):
+    """How far m observations are off from what a model foretells, and how far that claims to be off."""
 
-    Where the tip's velocity is known, it is the tip that pushes; else the contact moves as it was measured to. If nothing can
-    be predicted, the angle counts as pi/2.
-    """
+    angles: Array  # (m,) between the motions [rad], see FrictionModel.angles
+    spreads: Array  # (m,) that 90 % of the angles are claimed to stay below [rad]
+
+
+def foretold(model: FrictionModel, observations: Sequence[Observation]) -> Foretold:
+    """Compare m >= 1 observations with what the mean friction foretells, as `predicted_twists` does."""
     measured = np.array([observation.twist for observation in observations])
-    return model.angles(predicted_twists(model.mean, observations)[:, 0], measured)
+    twists = predicted_twists(model.mean, observations)[:, 0]
+    scatter = _quantile(model.angles(predicted_twists(model, observations), twists[:, None]), model.share, SHARE)
+    by_misfit = np.arctan2(model.misfit * speeds(observations), np.linalg.norm(model.centered(twists), axis=-1))
+    return Foretold(model.angles(twists, measured), np.hypot(scatter, by_misfit))
+
+
+def speeds(observations: Sequence[Observation]) -> Array:
+    """Speeds (m,) of the tips, or of the contacts where no tip is known [m/s]."""
+    return np.array([math.hypot(*(one.tip_velocity or velocity_at(one.twist, one.contact_point))) for one in observations])
 
 
 def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) -> Array:

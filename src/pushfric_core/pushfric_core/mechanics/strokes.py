@@ -12,7 +12,7 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, as_array
 from pushfric_core.mechanics import quasi_static
-from pushfric_core.mechanics.prediction import FrictionModel, scattered
+from pushfric_core.mechanics.prediction import FrictionModel, of_misfit, scattered
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.records import comparable
 from pushfric_core.steps import finished
@@ -40,7 +40,7 @@ class Strokes(NamedTuple):
     means: Array  # (k, 3) with the mean friction: x, y [m], theta [rad], table frame; theta is not wrapped
     poses: Array  # (k, s, 3) with each of the samples, whose shares are those of the model
     modes: npt.NDArray[np.int8]  # (k, s) indices of quasi_static.MODES: how the tip last met the object; FREE if it never did
-    covariance: Array  # (k, 3, 3) of the poses of the samples about those of the mean friction
+    covariance: Array  # (k, 3, 3) of the pose that is seen about that of the mean friction: of the samples, and of the misfit
 
 
 def predict_strokes(
@@ -103,7 +103,7 @@ def stroke_steps(
     ahead = _ahead(outline, state, origins, directions, radii)  # of each stroke: at first, all its samples are alike
     rows = np.repeat(np.arange(k), s)
     state, origins, directions, radii, stops = (each[rows] for each in (state, origins, directions, radii, stops))
-    modes = np.full(len(rows), quasi_static.FREE, dtype=np.int8)
+    modes, ways = np.full(len(rows), quasi_static.FREE, dtype=np.int8), np.zeros(len(rows))
     going = np.flatnonzero(ahead[rows])
     samples = np.tile(np.arange(s), k)
     while len(going):
@@ -118,11 +118,13 @@ def stroke_steps(
         _, twists, mode = motion.at(halfway, twists)
         state[going] = _moved(pose, twists * depths[:, None])
         modes[going] = np.where(pushed, mode, modes[going])
+        ways[going] += depths
         going = going[pushed]
         yield
     ends, count = state.reshape(k, s, 3), len(model.w)
     means, poses_of_samples = ends[:, -1], ends[:, :count]
-    covariance = scattered(poses_of_samples, means, model.share)
+    off = model.stroke_misfit * ways.reshape(k, s)[:, -1]
+    covariance = scattered(poses_of_samples, means, model.share) + of_misfit(model, off, means[:, 2])
     return Strokes(means, poses_of_samples, modes.reshape(k, s)[:, :count], covariance)
 
 

@@ -25,7 +25,7 @@ from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
-from pushfric_core.mechanics.prediction import FrictionModel, prediction_errors
+from pushfric_core.mechanics.prediction import FrictionModel, foretold
 from pushfric_core.offline.estimation import Estimation
 from pushfric_core.report.figures import BELIEFS, summary_figure
 from pushfric_core.report.ledger import rows as ledger_rows
@@ -194,25 +194,27 @@ def _predictions(estimation: Estimation, data: Sequence[Observation]) -> Section
     try:
         before = last(list(taken(estimator.add, learnt, lambda _: None)))
         model = friction_model(before)
-        errors = {push: prediction_errors(model, [one for one in data if one.push_id == push]) for push in tested}
+        found = {push: foretold(model, [one for one in data if one.push_id == push]) for push in tested}
     except PushfricError as error:
         return Section("predictions", title, f"Not tested: {error}")
-    claimed = math.degrees(model.misfit)
     rows = [
         [
             Cell(str(push + 1)),
-            Cell(str(len(angles))),
-            Cell(number(math.degrees(float(np.median(angles))), 1)),
-            Cell(number(math.degrees(float(angles.max())), 1)),
+            Cell(str(len(one.angles))),
+            *(Cell(number(math.degrees(float(value)), 1)) for value in (np.median(one.angles), np.median(one.spreads))),
+            Cell(str(int(np.sum(one.angles <= one.spreads)))),
         ]
-        for push, angles in errors.items()
+        for push, one in found.items()
     ]
     text = (
         f"The last {counted(len(tested), 'push', 'pushes')}, predicted from the {len(pushes) - len(tested)} before: the angle"
-        " between the measured motion and the predicted one, as (velocity of p_CF, turn). The model expects 90 % of them below"
-        f" {number(claimed, 1)}°."
+        " between the measured motion and the predicted one, as (velocity of p_CF, turn), and what 90 of 100 were claimed to"
+        " stay below."
     )
-    return Section("predictions", title, text, Table(("push", "observations", "median [°]", "largest [°]"), rows))
+    if model.limit is not None:
+        text += f" {model.limit[0].upper()}{model.limit[1:]}."
+    heads = ("push", "observations", "median [°]", "claimed [°]", "within")
+    return Section("predictions", title, text, Table(heads, rows))
 
 
 def _ledger(estimation: Estimation) -> Table:

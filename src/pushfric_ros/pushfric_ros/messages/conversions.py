@@ -274,7 +274,7 @@ def friction_model_to_msg(
     basis = Basis(object=object_name, has_model=model is not None)
     basis.header.frame_id = OBJECT
     msg = FrictionModelMsg(basis=basis, outline=[_point(corner) for corner in outline.vertices])
-    msg.misfit = msg.total_friction = math.nan
+    msg.misfit = msg.stroke_misfit = msg.total_friction = math.nan
     msg.center_of_friction, msg.covariance = _point(NOWHERE), np.full(4, math.nan)
     if estimate is None:
         return msg
@@ -283,7 +283,8 @@ def friction_model_to_msg(
     basis.reasons, basis.notes = _reasons(verdict.reasons), _reasons(verdict.notes)
     if model is not None:
         msg.support_points = [_point(point) for point in model.support_points]
-        msg.w, msg.mu_c, msg.weights, msg.misfit = model.w.ravel(), model.mu_c, model.share, model.misfit
+        msg.w, msg.mu_c, msg.weights = model.w.ravel(), model.mu_c, model.share
+        msg.misfit, msg.stroke_misfit = model.misfit, model.stroke_misfit
         msg.center_of_friction, msg.total_friction = _point(model.center_of_friction), _number(estimate.total_friction)
         if model.covariance is not None:
             msg.covariance = model.covariance.ravel()
@@ -302,7 +303,7 @@ def friction_model_from_msg(msg: FrictionModelMsg) -> tuple[FrictionModel, Outli
         raise ValueError(f"w must have {len(mu_c)} x {len(points)} numbers, got {len(w)}")
     covariance = np.array(msg.covariance).reshape(2, 2)
     known = covariance if np.isfinite(covariance).all() else None
-    model = FrictionModel(points, w.reshape(-1, len(points)), mu_c, np.array(msg.weights), msg.misfit, known)
+    model = FrictionModel(points, w.reshape(-1, len(points)), mu_c, np.array(msg.weights), msg.misfit, msg.stroke_misfit, known)
     return model, Outline(np.array([(corner.x, corner.y) for corner in msg.outline]))
 
 
