@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import rclpy
-from push_to_pose import APPROACH, FRAME_RATE, TIP_RADIUS, Cell, carried_out, nearby, random_strokes, tips, turned, uniform
+from push_to_pose import APPROACH, FRAME_RATE, TIP_RADIUS, Cell, carried_out, even, nearby, random_strokes, tips, turned
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
@@ -42,7 +42,7 @@ CLOSE = 0.002
 NAME = "wood_rect3"
 KNOWN = TABLE_1[NAME]
 OUTLINE = KNOWN.outline
-ARM = uniform(KNOWN).length
+ARM = even(KNOWN).length
 
 
 class Outcome(NamedTuple):

@@ -136,23 +136,23 @@ def test_scenes_of_the_ensemble_differ(monkeypatch, tmp_path, capsys):
 
 
 def test_the_planner_brings_the_object_nearer(push_to_pose, ros, monkeypatch, tmp_path):
-    small = {"STROKES": 2, "LEARNING": 4, "CANDIDATES": 40, "REFINEMENTS": (0.1, 0.03), "FARTHEST": (0.03, 0.03, 0.3)}
+    small = {"STROKES": 4, "CANDIDATES": 40, "REFINEMENTS": (0.1, 0.03), "FARTHEST": (0.03, 0.03, 0.3)}
     for name, value in small.items():
         monkeypatch.setattr(push_to_pose, name, value)
-    given = {"object": push_to_pose.NAME, "source": "observations"}
-    parameters = overrides(given)
+    parameters = overrides({"object": "wood_rect4", "source": "observations"})
     planners = [PlannerNode(namespace=f"/{name}") for name in push_to_pose.TOLD]
     ros.compose(EstimatorNode(namespace="/learned", parameter_overrides=parameters), *planners)
     nodes = {name: Node("push_to_pose", namespace=f"/{name}") for name in push_to_pose.TOLD}
-    cells = {name: push_to_pose.Cell(node, push_to_pose.NAME, 0.015) for name, node in nodes.items()}
+    cells = {name: push_to_pose.Cell(node, "wood_rect4", 0.015) for name, node in nodes.items()}
     courses = push_to_pose.run(cells, [0])
     for node in nodes.values():
         node.destroy_node()
-    assert list(courses) == ["learned", "uniform", "wrong"]
+    assert list(courses) == ["learned", "even", "true"]
     for (course,) in courses.values():
-        assert course.poses[0] == courses["wrong"][0].poses[0]
+        assert course.poses[0] == courses["true"][0].poses[0]
         assert course.errors[-1] < 0.8 * course.errors[0]
-    assert courses["learned"][0].poses[-1] != courses["uniform"][0].poses[-1] != courses["wrong"][0].poses[-1]
+    assert courses["learned"][0].poses[1] == courses["even"][0].poses[1]  # nothing has been learned yet
+    assert courses["learned"][0].poses[-1] != courses["even"][0].poses[-1] != courses["true"][0].poses[-1]
     push_to_pose.draw(courses, str(tmp_path / "errors.png"))
     assert (tmp_path / "errors.png").stat().st_size > 1000
 
@@ -173,9 +173,9 @@ def cell(push_to_pose, ros):
 
 def test_a_node_that_is_missing_is_named(push_to_pose, cell, ros, monkeypatch):
     monkeypatch.setattr(push_to_pose, "PATIENCE", 0.5)
-    with pytest.raises(SystemExit, match="error: no planner in /uniform: start the nodes as the first lines"):
-        cell(push_to_pose.NAME, "/uniform").wait(learns=False)
+    with pytest.raises(SystemExit, match="error: no planner in /even: start the nodes as the first lines"):
+        cell("wood_rect3", "/even").wait(learns=False)
     monkeypatch.setattr(push_to_pose, "PATIENCE", 10.0)
     ros.compose(PlannerNode(namespace="/learned"))
     with pytest.raises(SystemExit, match="error: no estimator in /learned: start the nodes as the first lines"):
-        cell(push_to_pose.NAME, "/learned").wait()
+        cell("wood_rect3", "/learned").wait()
