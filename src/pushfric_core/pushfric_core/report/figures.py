@@ -3,6 +3,7 @@
 import itertools
 import math
 import pathlib
+import textwrap
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
@@ -71,6 +72,7 @@ def summary_figure(
     data: Sequence[Observation],
     truth: TableObject | None,
     slipping: Collection[int] = (),
+    doubts: Sequence[str] = (),
 ) -> None:
     """Four panels: trajectories with contacts (Figure 3), w (Figure 5), mu_c (Figure 8), error of p_CF (Figure 11).
 
@@ -81,11 +83,13 @@ def summary_figure(
         data: the observations of the last estimate.
         truth: the simulated object; None if it is not known: then the last panel shows p_CF itself instead of its error.
         slipping: ids of the pushes whose contact is known to slip; the figure marks their lower bounds on mu_c.
+        doubts: about the data, in words; they stand above the panels.
     Raises:
         InvalidInput: the image cannot be written.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8.4), layout="constrained")
+        figure.suptitle("\n".join(line for doubt in doubts for line in textwrap.wrap(doubt, 120)), fontsize="medium")
         trajectories, friction, contact, errors = figure.subplots(2, 2, height_ratios=(1, 1)).ravel()
         _draw_trajectories(trajectories, outline, data)
         _draw_support_friction(friction, outline, estimates[-1], truth)

@@ -34,7 +34,14 @@ from pushfric_core.trajectories.trajectory import PoseSample, Trajectory
 from pushfric_core.vision.sighting import NO_OBJECT
 from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, PlanProgress, PusherState
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    EstimatorProgress,
+    Observation,
+    PlanProgress,
+    PusherState,
+)
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit import executable
@@ -104,6 +111,7 @@ class ExperimentNode(Node):
         self._mu_c = ContactFriction()
         self._settled = self._pushed = -1  # what the estimator has processed; when the last push ended [ns]
         self._newest = -1  # its newest observation [ns]
+        self._observed = -1  # the push that this is of
         self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._heartbeat, self._life = Heartbeat(self), Listener(self)
         self._awaits_choice = False  # a push was aborted, and a person chooses what becomes of it
@@ -142,6 +150,7 @@ class ExperimentNode(Node):
         self._estimator = self.create_subscription(
             EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED
         )
+        self.create_subscription(Observation, "observation", self._on_observation, RELIABLE)
         self.create_timer(0.05, self._check_condition)
         # in a group of its own, because the plan waits in this callback while other callbacks run
         self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
@@ -263,7 +272,25 @@ class ExperimentNode(Node):
         await self._until_well(self._namesake, PlanProgress.PHASE_WAITING, "the messages may come from another cell")
         self._report(PlanProgress.PHASE_PUSHING, push)
         config = self._config
-        return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
+        carried = Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True)
+        return await self._carry(carried) or await self._unobserved(push_id, push)
+
+    async def _unobserved(self, push_id: int, push: str) -> str | None:
+        """Why a push that reached its end is of no use: the estimator made no observation of it, and none is to come."""
+        end = self.get_clock().now().nanoseconds
+
+        def outstanding() -> str | None:
+            estimates = self._estimator.get_publisher_count() and self._observed != push_id and self._choice is None
+            if not estimates or self._settled >= end or self._unseen:
+                return None
+            return f"waiting for {self._unwell() or 'its observations'}"
+
+        await self._until_well(outstanding, PlanProgress.PHASE_PUSHING, push)
+        if self._choice is not None:
+            return self._choice.value
+        if self._observed == push_id or not self._estimator.get_publisher_count():
+            return None
+        return "no observation came from it" + "; the object is not seen" * self._unseen
 
     async def _others(self) -> None:
         """Wait for the other nodes. A node that reports OK receives the topics it needs, so it misses nothing of a push."""
@@ -569,6 +596,9 @@ class ExperimentNode(Node):
 
     def _on_estimator_progress(self, msg: EstimatorProgress) -> None:
         self._settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
+
+    def _on_observation(self, msg: Observation) -> None:
+        self._observed = msg.push_id
 
     def _on_region(self, msg: CenterOfFrictionRegion) -> None:
         self._region = msg
