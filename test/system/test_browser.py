@@ -7,6 +7,7 @@ import io
 import os
 import pathlib
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -55,8 +56,8 @@ expect.set_options(timeout=PATIENCE * 1e3)
 
 
 @pytest.fixture(scope="module")
-def url(browser, tmp_path_factory):
-    """Where a run with a view is shown: slow pushes, so that one can be stopped on its way."""
+def running(browser, tmp_path_factory):
+    """The address of a run with a view, and its processes: slow pushes, so that one can be stopped on its way."""
     folder = tmp_path_factory.mktemp("cell")
     pushes = ("{edge: 0, offset: 0.03}", "{edge: 2, offset: -0.02}")
     (folder / "plan.yaml").write_text(f"pushes: [{', '.join(pushes * (PUSHES // 2))}]")
@@ -87,10 +88,16 @@ def url(browser, tmp_path_factory):
             assert served.wait(PATIENCE), said
             (url,) = [line for name, line in said if name == "view" and line.startswith("http")]
             assert url.startswith("http://127.0.0.1:")
-            yield url
+            yield url, supervisor
         finally:
             over.set()
             thread.join()
+
+
+@pytest.fixture(scope="module")
+def url(running) -> str:
+    """Where the run is shown."""
+    return running[0]
 
 
 @contextlib.contextmanager
@@ -323,6 +330,50 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
             expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
             with page.expect_response("**/skip"):
                 page.locator("#skip").click()
+
+
+OF_NOW = {
+    "tracker": "#seen, #place, #map .way, #map .outline",
+    "simulated_cell": "#seen, #place, #map .way, #map .outline",
+    "actuator": "#drawing .tip, #map .tip",
+    "experiment": "#place, #map .ghost",
+    "estimator": "#trust",
+    "recorder": "",
+    "view": "#seen, #place, #trust, #map .way, #map .outline, #drawing .tip, #map .tip",
+}
+"""What each node says of the present, or what is drawn from it."""
+
+CLAIMS = r"""(of) => of && [...document.querySelectorAll(of)]
+  .filter(one => one instanceof SVGElement || /✓|\d mm/.test(one.textContent)).map(one => one.id || one.classList[0])"""
+"""Those of them that are drawn, or hold a tick or a distance."""
+
+
+@pytest.mark.parametrize("node", OF_NOW)
+def test_nothing_that_a_node_says_is_shown_beyond_its_age(browser, running, node):
+    """Also to a visitor who comes late."""
+    url, supervisor = running
+    late = contextlib.nullcontext() if node == "view" else visit(browser, url)
+    with visit(browser, url) as page:
+        row = page.locator(f'#nodes [data-node="node/{node}"]')
+        if node != "simulated_cell":
+            expect(row).not_to_have_class("stale")
+        process = supervisor.processes[node]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            if node == "simulated_cell":  # it reports nothing of itself
+                expect(page.locator("#seen")).to_contain_text("✗")
+            else:
+                expect(row).to_have_class("stale")
+                expect(row).to_contain_text("does not report")
+            page.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[node])
+            with late as other:
+                if other is not None and node != "simulated_cell":
+                    expect(other.locator(f'#nodes [data-node="node/{node}"]')).to_have_class("stale")
+                    assert not other.evaluate(CLAIMS, OF_NOW[node])
+        finally:
+            os.kill(process, signal.SIGCONT)
+        if node != "simulated_cell":
+            expect(row).not_to_have_class("stale")
 
 
 def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):

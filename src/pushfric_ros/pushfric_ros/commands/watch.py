@@ -274,8 +274,10 @@ class Monitor:
             table.add_column(escape(name), justify="right")
         for push, msg in self._rows.items():
             table.add_row(str(push), *_cells(msg))
-        hint = self._hint(self._phase)
-        return Group(table, self._progress, Text(self._message), *[Text(hint, style="dim")] * bool(hint))
+        silent = self._finished is None and self._plan_leads and self._visit.node.silent("experiment")
+        hint = self._hint(-1 if silent else self._phase)
+        message = "the experiment does not report" if silent else self._message
+        return Group(table, self._progress, Text(message), *[Text(hint, style="dim")] * bool(hint))
 
     def _hint(self, phase: int) -> str:
         """The present actions of the keys; empty without a terminal to press them in."""

@@ -7,6 +7,7 @@ waits, in which later values of a key replace earlier ones.
 import asyncio
 import json
 import pathlib
+import time
 from collections.abc import Awaitable, Callable
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from pushfric_core.cell.node_settings import REPORT_FILE, ViewConfig
 from pushfric_core.pages.page_server import Asked, PageServer
 from pushfric_core.report.report import to_json
-from pushfric_core.report.story import Change
+from pushfric_core.report.story import PASSING, Change
 from pushfric_core.trajectories.observation import PUSH_IDS
 
 ACTIONS = ("stop", "reset", "repeat", "skip", "end", "exclude", "keep")
@@ -68,6 +69,7 @@ class Server(PageServer):
     ) -> None:
         self._on_request, self._on_looking, self.report = on_request, on_looking, report
         self._story: Change = {}
+        self._came: dict[str, float] = {}  # when what passes did
         self._kept: dict[str, bytes] = {}  # the pictures of the story, by its keys
         self._visitors: set[Visitor] = set()
         self._looking = False
@@ -95,7 +97,9 @@ class Server(PageServer):
     def welcome(self, visitor: "Visitor") -> None:
         """Send everything so far to a new visitor."""
         self._visitors.add(visitor)
-        visitor.tell(self._story)
+        now = time.monotonic()
+        ages = {key: now - came for key, came in self._came.items()}
+        visitor.tell(self._story | ({"ages": ages} if ages else {}))
         self.look()
 
     def leave(self, visitor: "Visitor") -> None:
@@ -126,6 +130,7 @@ class Server(PageServer):
 
     def _show(self, change: Change, jpeg: bytes) -> None:
         self._story |= change
+        self._came |= {key: time.monotonic() for key in change if key.startswith(PASSING)}
         self._kept |= {key: jpeg for key in change if jpeg and key.startswith("picture/")}
         for key in [key for key, value in change.items() if value is None and key != "estimate"]:
             del self._story[key]

@@ -4,7 +4,6 @@ import { drawCursors, drawLine } from "./line.js";
 import { Run } from "./run.js";
 
 const RETRY_MS = 2000;
-const STALE_MS = 3000; // an image older than this is no longer what the camera sees
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
 
 const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -12,7 +11,6 @@ const at = (id) => document.getElementById(id);
 const run = new Run();
 let story = run.story;
 let picture = null; // address of the image shown
-let pictureAt = -Infinity;
 let drawing = false; // a redraw is due
 let connection = "connecting"; // or live, lost, ended, refused; over: the story is in the page
 let chosen = null, pinned = null; // numbers of the moment that is shown and of the one compared with; null: now, none
@@ -46,11 +44,10 @@ function connect() {
       return;
     }
     run.take(JSON.parse(data));
-    story = run.story;
     connection = "live";
     newsAt = performance.now();
     keepPictures();
-    if (story.reported) takeReport(socket);
+    if (run.story.reported) takeReport(socket);
     redraw();
   };
   socket.onclose = ({ code }) => {
@@ -86,7 +83,7 @@ function show(blob) {
   if (picture && !at("overlay").complete) return; // the one before is not even drawn
   const before = picture;
   picture = URL.createObjectURL(blob);
-  pictureAt = performance.now();
+  run.came("image");
   if (chosen === null) at("overlay").src = picture;
   if (before) URL.revokeObjectURL(before);
   redraw();
@@ -118,10 +115,12 @@ function redraw() {
   drawing = true;
   requestAnimationFrame(() => {
     drawing = false;
+    story = run.present();
     drawHeader();
     drawNow();
     const moment = shown(), compared = momentOf(pinned);
     drawCamera(moment, compared);
+    at("map").classList.toggle("old", !moment && Math.max(run.age("pose"), run.age("pusher")) > 1);
     drawMap(at("map"), moment ? { object: story.object, pose: moment.pose } : story, moment ? run.moments.slice(moment.index - moment.place + 1, moment.index + 1) : []);
     const now = [run.version, at("line").clientWidth, connection, story.estimate, moment, compared];
     const changed = now.findIndex((one, index) => one !== drawn[index]);
@@ -158,20 +157,21 @@ function drawMoment(moment, compared) {
 function drawHeader() {
   at("object").textContent = story.object?.name ?? "pushfric";
   at("cell").textContent = story.cell ?? "";
-  const age = Math.round((performance.now() - newsAt) / 1e3);
-  const lost = `no connection for ${age} s, trying again …; what is shown is that old. Stop works`;
-  const said = { connecting: "connecting …", live: "", lost, ended: "the run has ended", refused: "", over: "" };
-  write("connection", said[connection]);
-  at("connection").className = connection === "lost" ? "lost" : "";
-  document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
   const live = connection === "live";
+  const age = Math.round((performance.now() - newsAt) / 1e3);
+  const lost = `no connection for ${age} s, trying again … Stop works`;
+  const quiet = age < 3 ? "" : `no news for ${age} s`;
+  const said = { connecting: "connecting …", live: quiet, lost, ended: "the run has ended", refused: "", over: "" };
+  write("connection", said[connection]);
+  at("connection").className = connection === "lost" || (live && quiet) ? "lost" : "";
+  document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
   const pushes = live && known(story["node/actuator"]);
   at("stop").disabled = live && !pushes; // never for want of a connection: a request may still arrive
   at("reset").disabled = !(pushes && ["hold", "alarm"].includes(story.pusher?.mode));
   const phase = live ? story.plan?.phase : undefined;
   at("repeat").disabled = phase !== "choosing";
   at("skip").disabled = !["placing", "pushing", "waiting", "choosing"].includes(phase);
-  at("end").disabled = !phase || phase === "finished";
+  at("end").disabled = !phase || ["finished", "silent"].includes(phase);
 }
 
 function drawNow() {
@@ -192,13 +192,18 @@ function drawNow() {
   write("purpose", plan && plan.phase !== "finished" ? alarm ?? plan.purpose : "");
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
-  at("now").className = connection === "live" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
+  at("now").className = connection === "live" && plan?.phase !== "silent" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
   at("progress").parentElement.hidden = !plan;
   if (plan) {
     const done = plan.completed + plan.aborted + plan.skipped;
     at("progress").max = Math.max(1, plan.count);
     at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
     at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
+  }
+  document.querySelector(".numbers").classList.toggle("old", story.outdated);
+  if (story.outdated) {
+    at("trust").textContent = "The estimator does not report: the estimate is what it said last.";
+    return;
   }
   const verdict = estimate?.belief.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
@@ -328,18 +333,19 @@ async function keepPictures() {
 }
 
 function drawCamera(moment, compared) {
-  const tracker = story["node/tracker"], live = !moment && picture;
-  const kept = live ? undefined : run.pictureAt(moment), address = live ? picture : kept && addressOf(kept);
+  const now = !moment && connection !== "over" && connection !== "ended", tracker = now ? story["node/tracker"] : undefined;
+  const live = now && picture && !run.isGone("image");
+  const kept = now ? undefined : run.pictureAt(moment), address = live ? picture : kept && addressOf(kept);
   at("camera").hidden = connection === "over" && !run.pictures.length;
   if (address && at("overlay").getAttribute("src") !== address && !live) at("overlay").src = address;
   at("overlay").hidden = !address;
-  at("overlay").classList.toggle("old", Boolean(live) && performance.now() - pictureAt > STALE_MS);
+  at("overlay").classList.toggle("old", Boolean(live) && run.age("image") > 1);
   at("no_image").hidden = Boolean(address);
   const then = compared && run.pictureAt(compared);
   at("pinned_frame").hidden = !then;
   if (then && at("pinned_image").getAttribute("src") !== addressOf(then)) at("pinned_image").src = addressOf(then);
-  const unseen = !moment && tracker && tracker.level !== "ok";
-  let said = !tracker ? "" : unseen ? `✗ ${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
+  const unseen = tracker && tracker.level !== "ok";
+  let said = !tracker ? "" : unseen ? `✗ ${tracker.level === "stale" ? "The tracker " : ""}${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
   if (moment) said = kept ? `Taken ${plain(Math.abs(kept.t - moment.t), 1)} s ${kept.t > moment.t ? "after" : "before"} this moment` : "";
   if (then) said += `${said && "; "}right: the moment compared with`;
   write("seen", said);
@@ -479,6 +485,6 @@ if (told) {
   story = run.story;
   redraw();
 } else {
-  setInterval(redraw, 1000); // an image grows old without news
+  setInterval(redraw, 500); // what is shown grows old without news
   connect();
 }
