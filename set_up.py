@@ -557,15 +557,15 @@ def check_libraries(command: str, underlay: str) -> list[pathlib.Path]:
 def requirements(extra: pathlib.Path | None = None) -> list[str]:
     """The requirements in the packages' setup.cfg and in a file of pinned requirements, for which newer versions also do.
 
-    A robot cell needs the extras that `all` of pushfric_core lists.
+    A robot cell needs the extras that `cell` of pushfric_core lists.
     """
     found: list[str] = []
     for path in sorted((ROOT / "src").glob("*/setup.cfg")):
         parser = configparser.ConfigParser()
         parser.read(path, encoding="utf-8")
         extras = parser["options.extras_require"] if parser.has_section("options.extras_require") else {}
-        of_all = re.findall(r"[\w-]+", extras.get("all", "").partition("[")[2])
-        for text in (parser.get("options", "install_requires", fallback=""), *(extras[name] for name in of_all)):
+        of_cells = re.findall(r"[\w-]+", extras.get("cell", "").partition("[")[2])
+        for text in (parser.get("options", "install_requires", fallback=""), *(extras[name] for name in of_cells)):
             found += [line for line in text.splitlines() if line]
     for path in [extra, *included(extra)] if extra is not None else []:
         for line in path.read_text(encoding="utf-8").splitlines():

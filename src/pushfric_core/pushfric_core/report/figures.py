@@ -28,6 +28,7 @@ from pushfric_core.estimation.picture import (
     draw_support_friction,
     legend,
 )
+from pushfric_core.files.whole_file import make_folder
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Wrench, transform
 from pushfric_core.geometry.table_1 import TableObject
@@ -208,6 +209,7 @@ def table_error_figure(path: pathlib.Path, places: Array, errors: Array) -> None
 
 def _save(figure: Figure, path: pathlib.Path) -> None:
     check_image_name(path)
+    make_folder(path.parent)
     try:
         figure.savefig(path, dpi=130)
     except OSError as error:
