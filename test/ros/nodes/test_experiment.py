@@ -259,7 +259,9 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     table.wait_for_message(f": {reason}")
     said.cancel()
     table.object, table.visible = wanted._replace(theta=wanted.theta + 0.7), True
-    table.wait_for_message("it is turned 40 degrees too far")
+    table.wait_for_message(": it is turned 40 degrees too far")
+    table.object = wanted._replace(y=wanted.y + 0.02, theta=wanted.theta + 1.3)
+    table.wait_for_message("it lies about 20 mm off and is turned 70 degrees too far")
     table.object = wanted
     table.wait_for_message("let it lie still")
     assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)

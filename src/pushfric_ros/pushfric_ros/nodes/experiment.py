@@ -74,7 +74,7 @@ HINDRANCES = {
     PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
     PusherState.MODE_HOMING: "it seeks its home switch",
     PusherState.MODE_RUNNING: "",  # for a moment only
-    PusherState.MODE_HOLD: "it is held: release it at the controller, or activate the actuator",
+    PusherState.MODE_HOLD: "it is held, by its controller or until its actuator is active: press Reset when it is free to move",
     PusherState.MODE_ALARM: IN_ALARM,
 }
 """Why a pusher in this mode cannot push, and what the operator can do about it."""
@@ -547,10 +547,13 @@ class ExperimentNode(Node):
         last = self._poses[-1][1]
         off, turned = math.hypot(last.x - wanted.x, last.y - wanted.y), abs(wrap(last.theta - wanted.theta))
         self._progress.in_place = off <= self._config.position_tolerance and turned <= self._config.angle_tolerance
+        faults = []
         if off > self._config.position_tolerance:
-            return f"it lies about {10 * round(100 * off)} mm off"
+            faults.append(f"lies about {10 * round(100 * off)} mm off")
         if turned > self._config.angle_tolerance:
-            return f"it is turned {10 * round(math.degrees(turned) / 10)} degrees too far"
+            faults.append(f"is turned {10 * round(math.degrees(turned) / 10)} degrees too far")
+        if faults:
+            return f"it {' and '.join(faults)}"
         still = all(
             math.hypot(p.x - last.x, p.y - last.y) + 0.1 * abs(wrap(p.theta - last.theta)) < 2 * self._config.still_distance
             for _, p in self._poses
