@@ -28,7 +28,7 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
 from pushfric_core.mechanics.prediction import FrictionModel, prediction_errors
 from pushfric_core.offline.estimation import Estimation
-from pushfric_core.report.figures import BELIEFS, summary_figure
+from pushfric_core.report.figures import summary_figure, with_belief
 from pushfric_core.report.ledger import rows as ledger_rows
 from pushfric_core.report.page import Cell, Section, Table, number, page
 from pushfric_core.report.report import to_json
@@ -128,7 +128,7 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
     story, told, pictures = Story(estimation.model, f"recorded{when}"), Change(), dict[str, bytes]()
     data = zip(estimation.data, estimation.course, strict=True)
     following = next(data, None)
-    every = math.ceil(estimation.result.pushes / BELIEFS) or 1
+    believed = {id(estimation.course[k]) for k in with_belief(estimation.course)}
     belief: FrictionModel | None = None  # after the last push, or one of those before
 
     def tell(change: Change) -> None:
@@ -145,7 +145,7 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
             observation, estimate = following
             tell(story.on_observation(observation))
             following = next(data, None)
-            if following is None or (following[0].push_id != observation.push_id and estimate.pushes % every == 0):
+            if id(estimate) in believed:
                 belief = estimate.belief
             tell(story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief)))
 

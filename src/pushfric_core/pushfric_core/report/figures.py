@@ -53,6 +53,13 @@ PANELS = 12
 """Largest number of objects whose centres are drawn in one figure."""
 
 
+def with_belief(estimates: Sequence[Estimate]) -> list[int]:
+    """Which of the estimates after each observation the figure and the page of a run show with their beliefs: the last, and at
+    most about BELIEFS others, each after the last observation of a push."""
+    ends = [k for k, (one, next_) in enumerate(itertools.pairwise(estimates)) if next_.pushes > one.pushes]
+    return [*ends[:: math.ceil(len(ends) / BELIEFS) or 1], len(estimates) - 1]
+
+
 def check_image_name(path: pathlib.Path) -> None:
     """Check a figure's name, before the work of which it shall show the result.
 
@@ -294,8 +301,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
     half: Array = np.full((len(estimates), 2), np.nan)
-    ends = [k for k, (one, next_) in enumerate(itertools.pairwise(estimates)) if next_.pushes > one.pushes]
-    for end in [*ends[:: math.ceil(len(ends) / BELIEFS) or 1], len(estimates) - 1]:
+    for end in with_belief(estimates):
         half[end] = _half_extents(estimates[end])
     known = truth is not None
     unit = 100 / outline.size if known else np.full(2, MILLIMETRE)
