@@ -17,7 +17,7 @@ from pushfric_core.errors import InvalidInput
 
 READING = """<!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" content="1"><title>pushfric</title>
 <p role="status">Reading {} …</p></html>"""
-"""What is shown until the page of the run is made, which for 10 000 observations takes a minute."""
+"""Shown until the page of the run is made, which takes a minute for 10 000 observations."""
 
 app = Application()
 
