@@ -121,6 +121,8 @@ function redraw() {
     const moment = shown(), compared = momentOf(pinned);
     drawCamera(moment, compared);
     at("map").classList.toggle("old", !moment && Math.max(run.age("pose"), run.age("pusher")) > 1);
+    if (isLaid()) at("map").setAttribute("tabindex", "0"); // its keys move the object
+    else at("map").removeAttribute("tabindex");
     drawMap(at("map"), moment ? { object: story.object, pose: moment.pose } : story, moment ? run.moments.slice(moment.index - moment.place + 1, moment.index + 1) : []);
     const now = [run.version, at("line").clientWidth, connection, story.estimate, moment, compared];
     const changed = now.findIndex((one, index) => one !== drawn[index]);
@@ -180,8 +182,8 @@ function drawNow() {
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
-  const way = wayToPlace(story);
-  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
+  const way = wayToPlace(story), hand = isLaid() ? "; drag it on the table, turn it by the ring, or use the arrow keys there (with Shift, they turn)" : "";
+  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go${hand}`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
   at("result").hidden = !(story.report && plan?.phase === "finished");
   write("report", story.report ?? "");
@@ -440,6 +442,57 @@ function worded(tag, text) {
   element.textContent = text;
   return element;
 }
+
+// A simulated object is laid by hand: dragged, turned by its handle, or moved by keys
+
+const isLaid = () => connection === "live" && chosen === null && Boolean(story["node/simulated_cell"] && story.pose);
+let held = null; // what a pointer holds: whether it turns, the object's pose, and how far from its middle it was taken
+let laid = { pose: null, at: -Infinity }, laying = false; // where it was laid last, and whether that is on its way
+
+async function lay(pose) {
+  laid = { pose, at: performance.now() };
+  if (laying) return;
+  laying = true;
+  for (let sent; sent !== laid.pose; ) {
+    sent = laid.pose;
+    const [x, y, theta] = sent, turn = Math.atan2(Math.sin(theta), Math.cos(theta));
+    try {
+      const headers = token ? { Authorization: `Bearer ${token}` } : {};
+      await fetch(`lay/${[1e4 * x, 1e4 * y, (1800 / Math.PI) * turn].map(Math.round).join("/")}`, { method: "POST", headers });
+    } catch {
+      break; // the connection is lost, and said to be
+    }
+  }
+  laying = false;
+}
+
+function onTable(event) {
+  const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(at("map").getScreenCTM().inverse());
+  return at("map").toTable([x, y]);
+}
+
+at("map").addEventListener("pointerdown", (event) => {
+  const there = document.elementsFromPoint(event.clientX, event.clientY).map((one) => one.classList); // an arrow may lie over it
+  const has = (kind) => there.some((classes) => classes.contains(kind));
+  if (!isLaid() || !(has("outline") || has("handle"))) return;
+  event.preventDefault();
+  at("map").setPointerCapture(event.pointerId);
+  const [x, y] = onTable(event);
+  held = { turns: has("handle"), pose: story.pose, grip: [x - story.pose[0], y - story.pose[1]] };
+});
+at("map").addEventListener("pointermove", (event) => {
+  if (!held) return;
+  const [x, y] = onTable(event), [x0, y0, theta] = held.pose;
+  lay(held.turns ? [x0, y0, Math.atan2(y - y0, x - x0)] : [x - held.grip[0], y - held.grip[1], theta]);
+});
+for (const kind of ["pointerup", "pointercancel"]) at("map").addEventListener(kind, () => { held = null; });
+at("map").addEventListener("keydown", (event) => {
+  const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+  if (!way || !isLaid()) return;
+  event.preventDefault();
+  const [x, y, theta] = performance.now() - laid.at < 1000 ? laid.pose : story.pose; // what is seen lags behind
+  lay(event.shiftKey ? [x, y, theta - (way[0] - way[1]) * 0.05] : [x + 0.002 * way[0], y + 0.002 * way[1], theta]);
+});
 
 at("moment").addEventListener("input", ({ target }) => choose(Number(target.value)));
 at("moment").addEventListener("keydown", (event) => {
