@@ -40,6 +40,7 @@ def options(package: str) -> configparser.ConfigParser:
 def extras(package: str) -> tuple[dict[str, list[str]], list[str]]:
     """The requirements of each extra without other extras, and the extras that a robot cell needs."""
     found = {extra: text.split() for extra, text in options(package)["options.extras_require"].items()}
-    (bundle,) = found.pop("all", [""])
+    found.pop("all", None)
+    (bundle,) = found.pop("cell", [""])
     own = {extra: [one for one in texts if not one.startswith(package)] for extra, texts in found.items()}
     return own, re.findall(r"[\w-]+", bundle.partition("[")[2])

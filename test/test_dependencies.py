@@ -39,9 +39,9 @@ WITHOUT_KEY = {"osqp"}
 
 @pytest.fixture(scope="module")
 def script():
-    loader = importlib.machinery.SourceFileLoader("pushfric_script", str(ROOT / "pushfric"))
-    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
-    loader.exec_module(module)
+    specification = importlib.util.spec_from_file_location("set_up", ROOT / "set_up.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
     return module
 
 

@@ -33,8 +33,8 @@ def test_every_file_is_checked():
 
 
 def script_of(name: str):
-    """A constant of the script `pushfric`."""
-    (value,) = re.findall(rf"^{name} = (.*)$", (ROOT / "pushfric").read_text(), re.MULTILINE)
+    """A constant of the set-up."""
+    (value,) = re.findall(rf"^{name} = (.*)$", (ROOT / "set_up.py").read_text(), re.MULTILINE)
     return ast.literal_eval(value.partition("  #")[0])
 
 

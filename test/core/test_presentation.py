@@ -23,6 +23,7 @@ from pushfric_core import (
     load,
 )
 from pushfric_core.bags.bag import DamagedBag
+from pushfric_core.errors import installing
 from pushfric_core.offline.estimation import Choices, estimate_from
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -159,9 +160,9 @@ def test_a_notebook_shows_picture_and_text(estimate, monkeypatch):
 @pytest.mark.parametrize(
     ("code", "said"),
     [
-        ("estimate.to_frame()", "to_frame needs the package pandas: pip install 'pushfric_core[pandas]'"),
-        ("estimate.plot()", "plot needs the package matplotlib: pip install 'pushfric_core[plot]'"),
-        (f"p.load({str(BAG)!r})", f"the bag {BAG} needs the package zstandard: pip install 'pushfric_core[bags]'"),
+        ("estimate.to_frame()", "to_frame needs the package pandas: " + installing("pandas")),
+        ("estimate.plot()", "plot needs the package matplotlib: " + installing("plot")),
+        (f"p.load({str(BAG)!r})", f"the bag {BAG} needs the package zstandard: " + installing("bags")),
     ],
 )
 def test_a_missing_extra_is_named_with_the_command_that_installs_it(code, said, tmp_path):
@@ -173,3 +174,4 @@ estimate = p.Estimator([[-0.05, 0.0], [0.05, 0.0]]).add(data)
     found = bare(f"{before}\ntry:\n    {code}\nexcept p.MissingPackage as error:\n    print(error)", tmp_path)
     assert found.stdout == f"{said}\n", found.stderr
     assert issubclass(MissingPackage, ImportError)
+    assert installing("plot") == f"pip install '{pathlib.Path(__file__).parents[2]}/src/pushfric_core[plot]'"

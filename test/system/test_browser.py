@@ -4,9 +4,11 @@ import base64
 import contextlib
 import dataclasses
 import io
+import math
 import os
 import pathlib
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -17,20 +19,25 @@ import cv2
 import numpy as np
 import pytest
 from axe import AXE, WATCH_SHIFTS, restless, violations
-from geometry_msgs.msg import Vector3
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 
+from pushfric_core.bags.samples import pose_from_msg
 from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
 from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import Pose
 from pushfric_core.vision.camera import Camera, Lens, load_camera, save_camera
-from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PusherState, Reason, RejectedPush
+from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PlanProgress, PusherState, Reason, RejectedPush
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import Supervisor
+from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit.parameters import overrides
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.view import ViewNode
 
 PATIENCE = 120.0  # [s]
@@ -55,8 +62,8 @@ expect.set_options(timeout=PATIENCE * 1e3)
 
 
 @pytest.fixture(scope="module")
-def url(browser, tmp_path_factory):
-    """Where a run with a view is shown: slow pushes, so that one can be stopped on its way."""
+def running(browser, tmp_path_factory):
+    """The address of a run with a view, and its processes: slow pushes, so that one can be stopped on its way."""
     folder = tmp_path_factory.mktemp("cell")
     pushes = ("{edge: 0, offset: 0.03}", "{edge: 2, offset: -0.02}")
     (folder / "plan.yaml").write_text(f"pushes: [{', '.join(pushes * (PUSHES // 2))}]")
@@ -87,10 +94,16 @@ def url(browser, tmp_path_factory):
             assert served.wait(PATIENCE), said
             (url,) = [line for name, line in said if name == "view" and line.startswith("http")]
             assert url.startswith("http://127.0.0.1:")
-            yield url
+            yield url, supervisor
         finally:
             over.set()
             thread.join()
+
+
+@pytest.fixture(scope="module")
+def url(running) -> str:
+    """Where the run is shown."""
+    return running[0]
 
 
 @contextlib.contextmanager
@@ -323,6 +336,92 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
             expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
             with page.expect_response("**/skip"):
                 page.locator("#skip").click()
+
+
+OF_NOW = {
+    "tracker": "#seen, #place, #map .way, #map .outline",
+    "simulated_cell": "#seen, #place, #map .way, #map .outline",
+    "actuator": "#drawing .tip, #map .tip",
+    "experiment": "#place, #map .ghost",
+    "estimator": "#trust",
+    "recorder": "",
+    "view": "#seen, #place, #trust, #map .way, #map .outline, #drawing .tip, #map .tip",
+}
+"""What each node says of the present, or what is drawn from it."""
+
+CLAIMS = r"""(of) => of && [...document.querySelectorAll(of)]
+  .filter(one => one instanceof SVGElement || /✓|\d mm/.test(one.textContent)).map(one => one.id || one.classList[0])"""
+"""Those of them that are drawn, or hold a tick or a distance."""
+
+
+@pytest.mark.parametrize("node", OF_NOW)
+def test_nothing_that_a_node_says_is_shown_beyond_its_age(browser, running, node):
+    """Also to a visitor who comes late."""
+    url, supervisor = running
+    late = contextlib.nullcontext() if node == "view" else visit(browser, url)
+    with visit(browser, url) as page:
+        row = page.locator(f'#nodes [data-node="node/{node}"]')
+        expect(row).not_to_have_class("stale")
+        process = supervisor.processes[node]
+        os.kill(process, signal.SIGSTOP)
+        try:
+            expect(row).to_have_class("stale")
+            expect(row).to_contain_text("does not report")
+            page.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[node])
+            with late as other:
+                if other is not None:
+                    expect(other.locator(f'#nodes [data-node="node/{node}"]')).to_have_class("stale")
+                    other.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[node])
+        finally:
+            os.kill(process, signal.SIGCONT)
+        expect(row).not_to_have_class("stale")
+
+
+def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
+    """A cell that lays it 30 mm beside its place, as placement_error does, can be helped from the page alone."""
+    cell = ros.node("simulated_cell", namespace="/laid")
+    poses = cell.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    health = cell.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+    plan = cell.create_publisher(PlanProgress, "plan_progress", LATCHED)
+    where = [PoseStamped()]
+    cell.create_subscription(PoseStamped, "hand", where.append, RELIABLE)
+    wanted = Pose(0.03, 0.04, 0.5)
+    plan.publish(PlanProgress(phase=PlanProgress.PHASE_PLACING, count=1, placement=pose_to_msg(wanted), message="place it"))
+
+    def show() -> None:
+        msg = PoseWithCovarianceStamped()
+        msg.header.frame_id, msg.pose.pose = TABLE, where[-1].pose
+        poses.publish(msg)
+        health.publish(DiagnosticArray(status=[DiagnosticStatus(name="/laid/simulated_cell")]))
+
+    cell.create_timer(0.05, show)
+    view = ros.compose(ViewNode(namespace="/laid", parameter_overrides=overrides({"object": OBJECT})))
+    with visit(browser, view.url) as page:
+        place, map_ = page.locator("#place"), page.locator("#map")
+        expect(place).to_contain_text("50 mm, turn ↺ 29° to go; drag it")
+
+        def middle(of: str) -> tuple[float, float]:
+            """Where something is on the screen."""
+            box = f"document.querySelector('#map {of}').getBoundingClientRect()"
+            return tuple(page.evaluate(f"(() => {{ const b = {box}; return [b.x + b.width / 2, b.y + b.height / 2]; }})()"))
+
+        def drag(what: str, to: tuple[float, float]) -> None:
+            page.mouse.move(*middle(what))
+            page.mouse.down()
+            page.mouse.move(*to, steps=3)
+            page.mouse.up()
+
+        drag(".outline", middle(".ghost"))
+        expect(place).to_have_text(re.compile(r"outline: [0-2] mm, turn ↺ 29° to go"))
+        u, v = middle(".ghost")
+        drag(".handle", (u + 100 * math.cos(wanted.theta), v - 100 * math.sin(wanted.theta)))
+        expect(place).to_have_text(re.compile(r"outline: [0-2] mm(, turn . [0-5]°)? to go"))
+        x = where[-1].pose.position.x
+        map_.press("ArrowRight")
+        ros.wait_for(lambda: where[-1].pose.position.x == pytest.approx(x + 0.002, abs=2e-4), PATIENCE, "a key's effect")
+        turn = pose_from_msg(where[-1].pose).theta
+        map_.press("Shift+ArrowRight")
+        ros.wait_for(lambda: pose_from_msg(where[-1].pose).theta == pytest.approx(turn - 0.05, abs=2e-3), PATIENCE, "a turn")
 
 
 def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):

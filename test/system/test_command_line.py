@@ -57,7 +57,7 @@ def call(monkeypatch, capsys):
             ["estimate", "good.csv", "--object", "rubber_rect4", "--figure", "x.abc"],
             "x.abc: not the name of an image; expected one that ends",
         ),
-        (["demo", "--json", "/nowhere/x.json"], "/nowhere/x.json: its folder does not exist"),
+        (["demo", "--json", "good.csv/x.json"], "good.csv: the folder cannot be created: "),
         (["replay", "nothing"], "nothing: no such file; expected a bag or a CSV"),
         (["replay", "nothing", "--rate", "0"], "--rate: expected a number from 0.01 to 1000, got '0'"),
         (["estimate", "nothing", "--object", "rubber_rect4"], "nothing: no such file"),

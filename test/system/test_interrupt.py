@@ -115,7 +115,9 @@ def test_a_bag_that_is_left_is_named_with_its_pushes(tmp_path):
     assert left_behind(tmp_path / "bag") == "interrupted before there was a bag"
     shutil.copytree(RECORDED, tmp_path / "bag")
     expected = f"bag left in {tmp_path}/bag (pushes: 14); ./pushfric estimate {tmp_path}/bag reads it"
-    assert left_behind(tmp_path / "bag") == expected
+    assert left_behind(tmp_path / "bag") == f"report: {tmp_path}/bag/report.html\n{expected}"
+    for name in ("report.html", "model.yaml"):
+        assert "the run was interrupted" in (tmp_path / "bag" / name).read_text()
 
 
 def test_a_bag_that_gives_no_estimate_says_why(tmp_path):

@@ -1,6 +1,5 @@
 """The entry script builds the workspace for each ROS 2 environment that is sourced, and takes none of them away."""
 
-import importlib.machinery
 import importlib.util
 import os
 import pathlib
@@ -34,7 +33,7 @@ def workspace(tmp_path):
     source.mkdir(parents=True)
     dependencies = "src/pushfric_core/pushfric_core/commands/dependencies.py"  # what the script asks before it builds
     (tmp_path / "ws" / dependencies).parent.mkdir(parents=True)
-    for name in ("pushfric", dependencies):
+    for name in ("pushfric", "set_up.py", dependencies):
         shutil.copy2(ROOT / name, tmp_path / "ws" / name)
     (tmp_path / "ws/colcon.meta").write_text("{}")
     (source / "package.xml").write_text(PACKAGE.strip())
@@ -126,8 +125,10 @@ def test_a_misspelt_command_is_refused_before_the_set_up(workspace, word, meant)
 def test_ctrl_c_ends_a_step_of_the_set_up_with_all_that_it_started(script, tmp_path):
     """`kill -INT` reaches this process alone; the terminal would have reached its group."""
     program = f"""
-import importlib.machinery, os, pathlib, sys
-script = importlib.machinery.SourceFileLoader("script", {str(ROOT / "pushfric")!r}).load_module()
+import os, pathlib, signal, sys
+sys.path.insert(0, {str(ROOT)!r})
+import set_up as script
+signal.pthread_sigmask(signal.SIG_BLOCK, script.HELD)
 script.ROOT = pathlib.Path({str(tmp_path)!r})
 try:
     script.run(["bash", "-c", "sleep 1000 & echo $! > child; wait"], "a step", dict(os.environ))
@@ -157,10 +158,10 @@ def test_a_folder_that_colcon_made_by_hand_is_kept(workspace):
 
 @pytest.fixture
 def script():
-    """The script `pushfric` as a module."""
-    loader = importlib.machinery.SourceFileLoader("pushfric_script", str(ROOT / "pushfric"))
-    script = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
-    loader.exec_module(script)
+    """The set-up as a module."""
+    specification = importlib.util.spec_from_file_location("set_up", ROOT / "set_up.py")
+    script = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(script)
     return script
 
 
@@ -180,17 +181,114 @@ def test_a_busy_domain_is_refused_before_the_set_up(workspace):
     assert not (workspace / ".venv").exists()
 
 
-def test_an_environment_keeps_the_python_that_it_was_made_with(script, tmp_path, monkeypatch):
+@pytest.fixture
+def checkout(script, tmp_path, monkeypatch):
+    """The set-up of a checkout in which an environment takes a moment, and this process's Python is another than its own."""
+    for name in ("requirements.lock", *(f"{extra}/requirements.txt" for extra in script.EXTRAS)):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("-r ../bench/requirements.txt\n" if name.startswith("test") else "one==1\n")
+    for name, value in {"ROOT": tmp_path, "BUILT": tmp_path / ".colcon", "VENV": tmp_path / ".venv", "steps": []}.items():
+        monkeypatch.setattr(script, name, value, raising=False)
+
+    def create(command, *_):
+        python = command[-1] / "bin/python3"
+        python.parent.mkdir(parents=True)
+        python.write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+        python.chmod(0o755)
+        script.steps.append(command[0])
+
+    monkeypatch.setattr(script, "run", create)
+    monkeypatch.setattr(script, "start_again", lambda *_: monkeypatch.setattr(sys, "executable", script.VENV / "bin/python3"))
+    monkeypatch.setattr(script, "install", lambda _, file: script.steps.append(str(file.relative_to(tmp_path))))
+    monkeypatch.setattr(script, "slim", lambda _: None)
+    monkeypatch.setattr(script, "make_underlay", lambda _: None)
+    return script
+
+
+def made(checkout, command="estimate") -> list[str]:
+    """What a call makes: the Python that creates an environment, and the requirements that are installed."""
+    before, checkout.steps[:] = sys.executable, []
+    checkout.make_venv(command)
+    sys.executable = before
+    return checkout.steps[:]
+
+
+def test_an_environment_is_made_by_the_first_python_and_then_keeps_its_own(checkout, monkeypatch):
     """Another one on the PATH, as of conda, pyenv or sudo, had it made again under what was running in it."""
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "bin/python").touch()
-    wanted = [script.ROOT / script.DISTROS[script.DISTRO], script.ROOT / "pushfric"]
-    (tmp_path / "made-from-root").write_text(script.digest(wanted, str(script.ROOT)))
-    monkeypatch.setattr(script, "VENV", tmp_path)
-    monkeypatch.setattr(sys, "version", "3.14.0 (another one)")
-    monkeypatch.setattr(sys, "version_info", (3, 14, 0))
-    monkeypatch.setattr(script, "run", lambda command, *_: pytest.fail(f"{command}"))
-    script.make_venv("demo")
+    assert made(checkout) == [sys.executable, "requirements.lock"]
+    first, own = checkout.VENV.resolve(), checkout.VENV / "bin/python3"
+    with monkeypatch.context() as another:
+        another.setattr(sys, "version_info", (3, 14, 0))
+        assert made(checkout) == []
+    assert made(checkout, "bench") == ["bench/requirements.txt"]  # beside what is there
+    assert checkout.VENV.resolve() == first
+    (checkout.ROOT / "requirements.lock").write_text("two==2")
+    assert made(checkout) == [own, "requirements.lock", "bench/requirements.txt"]
+    assert (first / "bin/python3").exists()
+    assert checkout.VENV.resolve() != first
+
+
+def test_what_was_installed_and_is_wanted_otherwise_is_installed_elsewhere(checkout):
+    made(checkout, "test")
+    first = checkout.VENV.resolve()
+    (checkout.ROOT / "bench/requirements.txt").write_text("one==2")  # which the tests' requirements include
+    assert made(checkout)[1:] == ["requirements.lock", "test/requirements.txt"]
+    assert checkout.VENV.resolve() != first
+
+
+def test_an_environment_whose_python_does_not_start_is_made_again(checkout):
+    made(checkout)
+    checkout.steps[:] = []
+    (checkout.VENV / "bin/python3").unlink()  # the system's, to which it led, has gone
+    assert made(checkout) == [sys.executable, "requirements.lock"]
+    (checkout.VENV / "bin/python3").write_text("#!/bin/sh\nexit 1\n")  # it is of another version now, and finds no packages
+    assert made(checkout) == [sys.executable, "requirements.lock"]
+
+
+def test_an_environment_that_could_not_be_made_takes_no_ones_place(checkout, monkeypatch):
+    made(checkout)
+    first = checkout.VENV.resolve()
+    (checkout.ROOT / "requirements.lock").write_text("two==2")
+    monkeypatch.setattr(checkout, "slim", lambda _: (checkout.ROOT / "offline").stat())
+    with pytest.raises(FileNotFoundError, match="offline"):
+        made(checkout)
+    assert checkout.VENV.resolve() == first
+    checkout.remove_unused()
+    assert [folder.name for folder in checkout.BUILT.iterdir()] == [first.parent.name]
+
+
+def test_an_environment_that_was_replaced_stays_while_a_command_runs_from_it(checkout):
+    made(checkout)
+    first = checkout.VENV.resolve().parent
+    hold = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import set_up, pathlib; set_up.hold(pathlib.Path({str(first)!r}))"
+    become = "import os; print(flush=True); os.execvp('cat', ['cat'])"
+    with subprocess.Popen([sys.executable, "-c", f"{hold}; {become}"], stdin=-1, stdout=-1) as command:
+        command.stdout.readline()
+        (checkout.ROOT / "requirements.lock").write_text("two==2")
+        made(checkout)
+        checkout.remove_unused()
+        assert first.exists()
+        command.stdin.close()
+    checkout.remove_unused()
+    assert not first.exists()
+    assert checkout.VENV.exists()
+
+
+def test_a_second_set_up_waits_and_says_so(checkout):
+    another = f"import sys; sys.path.insert(0, {str(ROOT)!r}); import set_up, pathlib; set_up.ROOT = {str(checkout.ROOT)!r}"
+    another += "\nwith set_up.one_at_a_time(): print('mine')"
+    with checkout.one_at_a_time():
+        second = subprocess.Popen([sys.executable, "-c", another], stdout=-1, stderr=-1, text=True)
+        assert "another call sets up" in second.stderr.readline()
+        assert second.poll() is None
+    assert second.communicate() == ("mine\n", "")
+
+
+def test_a_call_that_finds_everything_made_loads_no_set_up(workspace):
+    set_up(workspace)
+    set_up(workspace)  # what is built last is newer than the first look at it
+    (workspace / "set_up.py").write_text("raise SystemExit('set up again')")
+    assert "set up again" in subprocess.run([workspace / "pushfric", "estimate"], capture_output=True, text=True).stderr
 
 
 def test_the_cache_of_uv_stays_as_it_is(script, tmp_path, monkeypatch):
@@ -201,8 +299,10 @@ def test_the_cache_of_uv_stays_as_it_is(script, tmp_path, monkeypatch):
     cached.write_text(before)
     installed.parent.mkdir(parents=True)
     installed.hardlink_to(cached)
-    monkeypatch.setattr(script, "VENV", tmp_path)
-    script.make_underlay(pathlib.Path(sys.executable))
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/python").write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    (tmp_path / "bin/python").chmod(0o755)
+    script.make_underlay(tmp_path)
     assert cached.read_text() == before
     _, numpy_headers, python_headers = re.findall(r'[^";]+', installed.read_text())
     assert (pathlib.Path(numpy_headers) / "numpy/ndarrayobject.h").is_file()
@@ -223,9 +323,8 @@ def test_what_nobody_needs_is_taken_out_of_the_wheels(script, tmp_path, monkeypa
     for name in ("first.libs", "second.libs"):
         (packages / name).mkdir()
         (packages / name / "libthree-0a1b.so.3").write_text("theirs")
-    monkeypatch.setattr(script, "VENV", tmp_path)
     monkeypatch.setattr(script, "STRIPPED", 1000)
-    script.slim()
+    script.slim(tmp_path)
     assert [path.name for path in (packages / "one").iterdir()] == [module.name]
     links = {path.name: str(path.readlink()) for path in (tmp_path / "lib").iterdir() if path.is_symlink()}
     assert links == {"libone.so": "libone.so.1.2", "libone.so.1": "libone.so.1.2"}

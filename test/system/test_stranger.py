@@ -43,7 +43,6 @@ from dataclasses import replace
 from rich.console import Console
 from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.commands.recorded_run import write_report
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
 
@@ -57,7 +56,7 @@ changed = {{
 specs = [changed.get(spec.name, lambda spec: spec)(spec) for spec in specs]
 ended, _ = watch(
     Console(stderr=True, width=200), graph.with_view(specs, "wood_rect4", ViewConfig()), graph.NAMESPACE, "pushing", live=False,
-    report=lambda: write_report(folder / "bag"),
+    recorded=folder / "bag",
 )
 sys.exit(ended.code)
 """

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
+from typing import Any
 
 
 class PushfricError(Exception):
@@ -96,7 +97,27 @@ def extra(name: str, what: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise MissingPackage(f"{what} needs the package {error.name}: pip install 'pushfric_core[{name}]'") from error
+        raise MissingPackage(f"{what} needs the package {error.name}: {installing(name)}") from error
+
+
+def installing(name: str) -> str:
+    """The command that installs an extra: from the folder that pushfric_core was installed from, or else from an index."""
+    import json  # these three take longer to load than most commands need them
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.parse import unquote
+
+    source = "pushfric_core"
+    try:
+        installed = distribution(source)
+    except PackageNotFoundError:
+        return f"pip install '{source}[{name}]'"
+    origin = json.loads(installed.read_text("direct_url.json") or "{}")
+    settings: Any = installed.locate_file("setup.cfg")
+    if "dir_info" in origin:
+        source = unquote(origin["url"].removeprefix("file://"))
+    elif settings.exists():  # it runs from its source
+        source = str(settings.resolve().parent)
+    return f"pip install '{source}[{name}]'"
 
 
 def warn_unless_compiled(module: ModuleType, what: str) -> None:

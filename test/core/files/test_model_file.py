@@ -120,6 +120,8 @@ def test_nothing_is_left_where_nothing_can_be_written(path, tmp_path):
     file, _ = load_model(path)
     with pytest.raises(InvalidInput, match=r"expected the name of a file that ends with \.yaml"):
         save_model(file, tmp_path / "model.txt")
-    with pytest.raises(InvalidInput, match="its folder does not exist"):
-        save_model(file, tmp_path / "none/model.yaml")
+    with pytest.raises(InvalidInput, match="the folder cannot be created: "):
+        save_model(file, tmp_path / "model.yaml/model.yaml")
     assert [entry.name for entry in tmp_path.iterdir()] == ["model.yaml"]
+    save_model(file, tmp_path / "new/folder/model.yaml")
+    assert load_model(tmp_path / "new/folder/model.yaml")[0].w == file.w

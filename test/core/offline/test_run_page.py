@@ -7,6 +7,7 @@ import re
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from calls import printed
@@ -68,11 +69,19 @@ def test_view_serves_the_page_on_this_machine_alone(host, status):
         try:
             assert view.stderr is not None
             url = next(line.split()[1] for line in view.stderr if line.startswith("view: "))
-            asked = http.client.HTTPConnection(url.split("/")[2], timeout=60)
-            asked.request("GET", "/", headers={"Host": host} if host else {})
-            answer = asked.getresponse()
-            assert answer.status == status
-            assert ("moment/71" in answer.read().decode()) == (status == http.HTTPStatus.OK)
+
+            def answer() -> str:
+                asked = http.client.HTTPConnection(url.split("/")[2], timeout=60)
+                asked.request("GET", "/", headers={"Host": host} if host else {})
+                answered = asked.getresponse()
+                assert answered.status == status
+                return answered.read().decode()
+
+            first = answer()
+            assert (f"Reading {BAG}" in first) == (status == http.HTTPStatus.OK)  # at once; it loads itself again
+            while "Reading" in (shown := answer()):
+                time.sleep(0.1)
+            assert ("moment/71" in shown) == (status == http.HTTPStatus.OK)
         finally:
             view.send_signal(signal.SIGINT)
         assert view.wait(60) == 130

@@ -1,6 +1,7 @@
 """What the launch files start, up to ROS 2's own launch."""
 
 import pathlib
+import shutil
 
 import pytest
 
@@ -35,6 +36,15 @@ def test_each_launch_file_has_a_planner_if_it_is_asked_for(tmp_path):
     assert started(REPLAY, tmp_path, planner="true", **given)[1]["planner"].respawn
     with pytest.raises(InvalidInput, match="planner must be true or false, got 'maybe'"):
         started(REPLAY, tmp_path, planner="maybe", **given)
+
+
+def test_a_launched_run_leaves_its_result(tmp_path):
+    shutil.copytree(ROOT / "bags/rubber_rect4", tmp_path / "bag")
+    assert DEMO.found({"bag": str(tmp_path / "bag")}, "/cell") == []
+    assert {"report.html", "figure.png", "model.yaml"} <= {path.name for path in (tmp_path / "bag").iterdir()}
+    none, why = DEMO.found({"bag": str(tmp_path / "none")}, "/cell")
+    assert none.startswith(f"the bag {tmp_path}/none does not say how the run went: ")
+    assert why.startswith("no result: ")
 
 
 def test_a_cell_starts_where_its_plan_was_left(tmp_path):

@@ -2,9 +2,11 @@
 
 import contextlib
 import pathlib
+import time
 import types
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rich.console import Console
 
 from pushfric_core.bags.bag import Bag
@@ -68,3 +70,24 @@ def test_an_estimator_that_goes_on_is_awaited_after_the_end(monkeypatch):
         begin = wall[0]
         monitor.watch(over, lambda: False)  # nothing new comes
         assert wall[0] - begin < 3 * watch.PROGRESS_TIMEOUT
+
+
+def test_a_prompt_goes_with_the_node_that_gave_it(monkeypatch):
+    console = Console(width=100)
+    with contextlib.closing(watch.Monitor(console, "/silent", "pushing", None, live=True)) as monitor:
+        monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_PLACING, count=3, message="it lies about 20 mm off"))
+        node = monitor._visit.node
+        node._on_diagnostics(DiagnosticArray(status=[DiagnosticStatus(name="/silent/experiment")]))
+
+        def shown() -> str:
+            with console.capture() as captured:
+                console.print(monitor._view())
+            return captured.get()
+
+        assert "20 mm off" in shown()
+        now = time.monotonic()
+        monkeypatch.setattr(time, "monotonic", lambda: now + 3.1)
+        assert "20 mm off" not in shown()
+        assert "the experiment does not report" in shown()
+        monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_FINISHED, count=3, message="3 of 3 pushes done"))
+        assert "3 of 3 pushes done" in shown()  # it has said all it had to

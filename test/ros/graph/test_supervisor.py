@@ -131,7 +131,7 @@ def test_the_nodes_hold_the_name_of_their_cell_too():
     with Supervisor([node("other", WAITS)], NAME, print) as nodes:
         (pid,) = nodes.processes.values()
         sockets = {
-            entry.split()[6] for entry in pathlib.Path("/proc/net/unix").read_text().splitlines() if "@pushfric-" in entry
+            entry.split()[6] for entry in pathlib.Path("/proc/net/unix").read_text().splitlines() if "@pushfric " in entry
         }
         held = set()
         for file in pathlib.Path(f"/proc/{pid}/fd").iterdir():

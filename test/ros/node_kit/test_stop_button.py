@@ -7,6 +7,7 @@ import threading
 
 import pytest
 
+from pushfric_ros.node_kit.lock import lock
 from pushfric_ros.node_kit.stop_button import StopButton, press, press_as_asked
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -61,3 +62,12 @@ def test_the_script_needs_the_standard_library_alone():
     paths = [str(ROOT / "src" / package) for package in ("pushfric_core", "pushfric_ros")]
     program = f"import sys; sys.path[:0] = {paths}; import pushfric_ros.commands, pushfric_ros.node_kit.stop_button"
     subprocess.run([sys.executable, "-I", "-S", "-c", program], check=True)
+
+
+def test_a_stop_without_a_cell_names_the_cells_that_run(monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "99")
+    with lock("/left"):
+        monkeypatch.setenv("ROS_DOMAIN_ID", "98")
+        said = subprocess.run([sys.executable, "-m", "pushfric_core", "stop"], capture_output=True, text=True).stderr
+    assert said.startswith("error: nobody listens to /cell/stop; running on this machine: ")
+    assert "/left (ROS domain 99)" in said

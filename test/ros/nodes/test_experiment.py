@@ -17,7 +17,7 @@ from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, PlanProgress, PusherState
+from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, Observation, PlanProgress, PusherState
 from pushfric_msgs.msg import TestPush as Candidate
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
@@ -50,7 +50,7 @@ class Table:
 
     def __init__(self, ros, tmp_path, actuator=None, **parameters) -> None:
         self.ros, self.obedient, self.object = ros, True, AWAY
-        self.visible = True
+        self.visible = self.observed = True
         self.wanted: list[Pose] = []
         self.progress: list[PlanProgress] = []
         self.states: list[PusherState] = []
@@ -65,6 +65,7 @@ class Table:
         self._pose_out = self._node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
         self._health_out = self._node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
+        self._observation_out = self._node.create_publisher(Observation, "observation", RELIABLE)
         self._node.create_timer(0.02, self._show)
         self.well = ["/cell/estimator"]
         self.settled = 0 if parameters.get("choose") else (2**31 - 1) * 10**9  # what the estimator reports [ns]
@@ -90,6 +91,8 @@ class Table:
         self.states.append(msg)
         if msg.push_id != PusherState.NO_PUSH and (self._pushed is None or self._pushed[0] != msg.push_id):
             self._pushed = msg.push_id, self.object
+            if self.observed:
+                self._observation_out.publish(Observation(push_id=msg.push_id))
 
     def _follow(self, now: int) -> None:
         """Let the object follow the tip straight on, without turning."""
@@ -256,7 +259,9 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     table.wait_for_message(f": {reason}")
     said.cancel()
     table.object, table.visible = wanted._replace(theta=wanted.theta + 0.7), True
-    table.wait_for_message("it is turned 40 degrees too far")
+    table.wait_for_message(": it is turned 40 degrees too far")
+    table.object = wanted._replace(y=wanted.y + 0.02, theta=wanted.theta + 1.3)
+    table.wait_for_message("it lies about 20 mm off and is turned 70 degrees too far")
     table.object = wanted
     table.wait_for_message("let it lie still")
     assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
@@ -463,6 +468,41 @@ def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, t
     assert (last.completed, last.aborted, last.skipped, last.message) == (3, 0, 0, "3 of 3 pushes done")
     assert pushed(table.states) == [0, 3, 1, 2]
     assert left_out == [0]
+
+
+@pytest.mark.parametrize("why", ["it moved nothing", "the tracker stood still"])
+def test_a_push_that_gave_no_observation_is_named_at_once_and_can_be_repeated(ros, controller, tmp_path, capfd, why):
+    table = Table(ros, tmp_path, lost_object=0.5, start=2)
+    table.observed = False
+    if why == "the tracker stood still":
+        table.settled = 0
+        ros.wait_for(lambda: controller.position() > 0.01, 60.0, "the push")
+        table.visible = False  # for less than lost_object before its end
+    asked = table.wait_for_message("push 2 of 3 was given up: no observation came from it")
+    assert ("the object is not seen" in asked.message) == (not table.visible)
+    assert table.states[-1].position == pytest.approx(0.0, abs=1e-3)  # nothing stopped it
+    table.observed = table.visible = True
+    assert table.call("experiment/repeat")
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted, last.skipped) == (2, 0, 0)
+    assert pushed(table.states) == [1, 4, 2]
+
+
+def test_a_push_without_observations_counts_as_lost_where_nobody_attends(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, attended=False, start=3)
+    table.observed = False
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted) == (0, 1)
+
+
+def test_an_estimator_that_is_behind_is_awaited_after_a_push(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, start=3)
+    table.observed, table.settled = False, 0
+    waiting = table.wait_for_message("push 3 of 3: waiting for its observations")
+    assert waiting.phase == PlanProgress.PHASE_PUSHING
+    table._observation_out.publish(Observation(push_id=2))
+    table.settled = (2**31 - 1) * 10**9
+    assert table.wait_for_end().completed == 1
 
 
 def test_a_person_ends_the_run_while_it_is_stopped(ros, controller, tmp_path):

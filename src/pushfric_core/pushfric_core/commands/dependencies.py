@@ -40,10 +40,10 @@ BUNDLE = re.compile(r"pushfric[-_]core\[([\w,-]+)\]")
 
 
 def declared() -> list[str]:
-    """The requirements of the installed packages of pushfric; a robot cell needs the extra `all` of pushfric_core, too."""
+    """The requirements of the installed packages of pushfric; a robot cell needs the extra `cell` of pushfric_core, too."""
     installed = _installed()
     every = _every(installed)
-    bundles = (BUNDLE.match(text) for text in every if len(installed) > 1)
+    bundles = (BUNDLE.match(text) for text in every if len(installed) > 1 and _extra(text) == "cell")
     wanted = {None, *(extra for bundle in bundles if bundle for extra in bundle[1].split(","))}
     return sorted({text.partition(";")[0].strip() for text in every if _extra(text) in wanted and not BUNDLE.match(text)})
 
@@ -114,11 +114,12 @@ def explain(error: Exception) -> None:
     missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     lacking = [text for text in _every(_installed()) if _module(text) == missing]
     if lacking:
+        from pushfric_core.errors import installing  # not above: the set-up runs this file by itself
+
         extra = _extra(lacking[0])
         what = lacking[0].partition(";")[0].strip()
-        line: str | None = (
-            f"missing: {what}; install with: python3 -m pip install '{f'pushfric_core[{extra}]' if extra else what}'"
-        )
+        command = installing(extra) if extra else f"pip install '{what}'"
+        line: str | None = f"missing: {what}; install with: python3 -m {command}"
     else:
         line = complaint(declared())
     if line is not None:

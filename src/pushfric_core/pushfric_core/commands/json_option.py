@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.whole_file import make_folder, write_whole
 
 STDOUT = "-"
 """The value of the option if no file is given."""
@@ -29,8 +29,7 @@ def _checked(where: str | None) -> str | None:
     file = pathlib.Path(where)
     if file.suffix != SUFFIX or file.is_dir():
         raise InvalidInput(f"{file}: expected the name of a file to write that ends in {SUFFIX}")
-    if not file.parent.is_dir():
-        raise InvalidInput(f"{file}: its folder does not exist")
+    make_folder(file.parent)
     return where
 
 

@@ -1,6 +1,8 @@
 """The command `view`."""
 
+import html
 import http
+import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from typing import Annotated
 from urllib.parse import urlsplit
@@ -12,7 +14,10 @@ from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import CellOption, Input, ObjectOption, PartialFlag
 from pushfric_core.errors import InvalidInput
-from pushfric_core.offline.estimation import Choices, estimate_from
+
+READING = """<!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" content="1"><title>pushfric</title>
+<p role="status">Reading {} …</p></html>"""
+"""Shown until the page of the run is made, which takes a minute for 10 000 observations."""
 
 app = Application()
 
@@ -26,10 +31,7 @@ def view(
     namespace: CellOption = None,
 ) -> None:
     """Needs no node graph. Ctrl-C ends it; other machines can be given the file that report writes."""
-    from pushfric_core.offline.run_page import run_page  # imported late: it draws
-
-    estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
-    page = run_page(estimation, namespace=namespace).encode()
+    page = READING.format(html.escape(str(source))).encode()
 
     class Page(BaseHTTPRequestHandler):
         """Answers every address with the page, if it is asked by a name of this machine: others may lead here, too."""
@@ -49,6 +51,12 @@ def view(
         server = HTTPServer(("127.0.0.1", port), Page)
     except OSError as error:
         raise InvalidInput(f"--port {port}: {error.strerror}; choose another, or 0 for any") from error
-    with server:
-        say(f"view: http://127.0.0.1:{server.server_port}/ (Ctrl-C ends it)")
-        server.serve_forever()
+    serving = threading.Thread(target=server.serve_forever, daemon=True)
+    serving.start()
+    say(f"view: http://127.0.0.1:{server.server_port}/ (Ctrl-C ends it)")
+    from pushfric_core.offline.estimation import Choices, estimate_from  # imported late: a page is shown before
+    from pushfric_core.offline.run_page import run_page
+
+    estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
+    page = run_page(estimation, namespace=namespace).encode()
+    serving.join()

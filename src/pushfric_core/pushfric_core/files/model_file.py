@@ -16,7 +16,7 @@ from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.file_errors import as_named_here, shortened
 from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml, within
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.geometry.planar import Pose, Twist
 from pushfric_core.mechanics.prediction import FrictionModel, Kind
 from pushfric_core.mechanics.quasi_static import SUM
@@ -296,15 +296,14 @@ def library(folder: pathlib.Path, pushed: ObjectModel) -> list[Hypothesis]:
 
 
 def check_name(path: pathlib.Path) -> None:
-    """Check that a model can be written there.
+    """Check that a model can be written there, and make its folder.
 
     Raises:
-        InvalidInput: the name is not that of a YAML file, or its folder does not exist.
+        InvalidInput: the name is not that of a YAML file, or its folder cannot be made.
     """
     if path.suffix not in SUFFIXES or path.is_dir():
         raise InvalidInput(f"{path}: expected the name of a file that ends with {' or '.join(SUFFIXES)}")
-    if not path.parent.is_dir():
-        raise InvalidInput(f"{path}: its folder does not exist")
+    make_folder(path.parent)
 
 
 def save_model(file: ModelFile, path: pathlib.Path) -> None:

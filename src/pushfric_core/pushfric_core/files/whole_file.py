@@ -7,11 +7,12 @@ from pushfric_core.errors import InvalidInput
 
 
 def write_whole(path: pathlib.Path, content: str | bytes) -> None:
-    """Write a file, text as UTF-8; an earlier one of this name is replaced.
+    """Write a file, text as UTF-8, and make its folder; an earlier one of this name is replaced.
 
     Raises:
         InvalidInput: the file cannot be written.
     """
+    make_folder(path.parent)
     draft = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         try:

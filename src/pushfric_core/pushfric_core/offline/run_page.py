@@ -3,6 +3,7 @@
 import base64
 import csv
 import dataclasses
+import html
 import io
 import math
 import os
@@ -27,7 +28,7 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
 from pushfric_core.mechanics.prediction import FrictionModel, foretold
 from pushfric_core.offline.estimation import Estimation
-from pushfric_core.report.figures import BELIEFS, summary_figure
+from pushfric_core.report.figures import summary_figure, with_belief
 from pushfric_core.report.ledger import rows as ledger_rows
 from pushfric_core.report.page import Cell, Section, Table, number, page
 from pushfric_core.report.report import to_json
@@ -68,7 +69,7 @@ def run_page(estimation: Estimation, file: pathlib.Path | None = None, namespace
     for key, jpeg in pictures.items():
         told[key]["src"] = _inline("image/jpeg", jpeg)
     downloads = {
-        "model.yaml": ("application/yaml", as_yaml(estimation.to_model()) if estimation.result.contradiction is None else ""),
+        "model.yaml": ("application/yaml", model_of(estimation)),
         "observations.csv": ("text/csv", _table_of(estimation)),
         "figure.svg": ("image/svg+xml", drawing),
     }
@@ -85,11 +86,17 @@ def run_page(estimation: Estimation, file: pathlib.Path | None = None, namespace
         version=pushfric_core.__version__,
         source=estimation.source.name,
     )
-    return _whole(told, sections)
+    return _whole(told, sections, estimation.ledger.doubts)
 
 
-def _whole(story: Change, sections: str) -> str:
-    """The page in one file, with its style, its modules, a story and more sections."""
+def model_of(estimation: Estimation) -> str:
+    """The model to keep, as YAML under what is in doubt; empty if the data contradict themselves."""
+    doubts = "".join(f"# in doubt: {doubt}\n" for doubt in estimation.ledger.doubts)
+    return doubts + as_yaml(estimation.to_model()) if estimation.result.contradiction is None else ""
+
+
+def _whole(story: Change, sections: str, doubts: Sequence[str]) -> str:
+    """The page in one file, with its style, its modules, doubts on top, a story and more sections."""
 
     def read(name: str) -> str:
         return (RUN_PAGE / name).read_text(encoding="utf-8")
@@ -101,6 +108,7 @@ def _whole(story: Change, sections: str) -> str:
         '<link rel="stylesheet" href="style.css">': f"<style>\n{read('style.css')}</style>",
         'href="icon.svg"': f'href="{_inline("image/svg+xml", read("icon.svg").encode())}"',
         '  <script type="module" src="view.js"></script>\n': "",
+        "  <main>": "".join(f'<p class="doubt">✗ {html.escape(doubt)}</p>\n' for doubt in doubts) + "  <main>",
         "  </main>": f"{sections}  </main>",
         "</body>": '<script type="application/json" id="story">'
         + to_json(story).replace("<", "\\u003c")
@@ -120,7 +128,7 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
     story, told, pictures = Story(estimation.model, f"recorded{when}"), Change(), dict[str, bytes]()
     data = zip(estimation.data, estimation.course, strict=True)
     following = next(data, None)
-    every = math.ceil(estimation.result.pushes / BELIEFS) or 1
+    believed = {id(estimation.course[k]) for k in with_belief(estimation.course)}
     belief: FrictionModel | None = None  # after the last push, or one of those before
 
     def tell(change: Change) -> None:
@@ -137,7 +145,7 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
             observation, estimate = following
             tell(story.on_observation(observation))
             following = next(data, None)
-            if following is None or (following[0].push_id != observation.push_id and estimate.pushes % every == 0):
+            if id(estimate) in believed:
                 belief = estimate.belief
             tell(story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief)))
 
@@ -245,5 +253,5 @@ def _drawing(estimation: Estimation) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / "figure.svg"
         data, slipping = estimation.estimator.observations, estimation.settings.slipping
-        summary_figure(path, estimation.model.outline, estimation.course, data, None, slipping)
+        summary_figure(path, estimation.model.outline, estimation.course, data, None, slipping, estimation.ledger.doubts)
         return path.read_text()

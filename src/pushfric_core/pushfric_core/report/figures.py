@@ -3,6 +3,7 @@
 import itertools
 import math
 import pathlib
+import textwrap
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
@@ -27,6 +28,7 @@ from pushfric_core.estimation.picture import (
     draw_support_friction,
     legend,
 )
+from pushfric_core.files.whole_file import make_folder
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Wrench, transform
 from pushfric_core.geometry.table_1 import TableObject
@@ -51,6 +53,13 @@ PANELS = 12
 """Largest number of objects whose centres are drawn in one figure."""
 
 
+def with_belief(estimates: Sequence[Estimate]) -> list[int]:
+    """Which of the estimates after each observation the figure and the page of a run show with their beliefs: the last, and at
+    most about BELIEFS others, each after the last observation of a push."""
+    ends = [k for k, (one, next_) in enumerate(itertools.pairwise(estimates)) if next_.pushes > one.pushes]
+    return [*ends[:: math.ceil(len(ends) / BELIEFS) or 1], len(estimates) - 1]
+
+
 def check_image_name(path: pathlib.Path) -> None:
     """Check a figure's name, before the work of which it shall show the result.
 
@@ -71,6 +80,7 @@ def summary_figure(
     data: Sequence[Observation],
     truth: TableObject | None,
     slipping: Collection[int] = (),
+    doubts: Sequence[str] = (),
 ) -> None:
     """Four panels: trajectories with contacts (Figure 3), w (Figure 5), mu_c (Figure 8), error of p_CF (Figure 11).
 
@@ -81,11 +91,13 @@ def summary_figure(
         data: the observations of the last estimate.
         truth: the simulated object; None if it is not known: then the last panel shows p_CF itself instead of its error.
         slipping: ids of the pushes whose contact is known to slip; the figure marks their lower bounds on mu_c.
+        doubts: about the data, in words; they stand above the panels.
     Raises:
         InvalidInput: the image cannot be written.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8.4), layout="constrained")
+        figure.suptitle("\n".join(line for doubt in doubts for line in textwrap.wrap(doubt, 120)), fontsize="medium")
         trajectories, friction, contact, errors = figure.subplots(2, 2, height_ratios=(1, 1)).ravel()
         _draw_trajectories(trajectories, outline, data)
         _draw_support_friction(friction, outline, estimates[-1], truth)
@@ -204,6 +216,7 @@ def table_error_figure(path: pathlib.Path, places: Array, errors: Array) -> None
 
 def _save(figure: Figure, path: pathlib.Path) -> None:
     check_image_name(path)
+    make_folder(path.parent)
     try:
         figure.savefig(path, dpi=130)
     except OSError as error:
@@ -288,8 +301,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
     half: Array = np.full((len(estimates), 2), np.nan)
-    ends = [k for k, (one, next_) in enumerate(itertools.pairwise(estimates)) if next_.pushes > one.pushes]
-    for end in [*ends[:: math.ceil(len(ends) / BELIEFS) or 1], len(estimates) - 1]:
+    for end in with_belief(estimates):
         half[end] = _half_extents(estimates[end])
     known = truth is not None
     unit = 100 / outline.size if known else np.full(2, MILLIMETRE)

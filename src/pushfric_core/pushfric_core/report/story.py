@@ -14,6 +14,7 @@ The story is one flat dict; a change is a part of it. A value of None removes a 
     fault            why the pusher has stopped
     node/NAME        the last diagnostics of a node
     pose, pusher     where the object and the pusher are; told only while somebody looks
+    ages             how long ago what passes (PASSING) came [s], for a visitor who comes late
 """
 
 import math
@@ -35,6 +36,9 @@ from pushfric_core.pushers.pusher import PusherFault
 from pushfric_core.trajectories.observation import Observation
 
 Change = dict[str, Any]
+
+PASSING = ("node/", "pose", "pusher")
+"""The beginnings of the keys whose values are true only for a moment; the page shows none beyond its age (run.js)."""
 
 RUN_PAGE = pathlib.Path(__file__).parent / "run"
 """Folder of the page that shows a story."""

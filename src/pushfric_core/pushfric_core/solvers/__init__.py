@@ -3,7 +3,7 @@
 All solvers are peers behind `program.Program`; each is loaded when it is first needed.
 """
 
-from pushfric_core.errors import SolverUnavailable
+from pushfric_core.errors import SolverUnavailable, installing
 from pushfric_core.geometry.planar import Array
 from pushfric_core.solvers.program import Loss, Program, Solver
 
@@ -40,5 +40,5 @@ def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX,
         if error.name != "osqp":
             raise
         what = "loss l2" if loss is Loss.L2 else "solver osqp"
-        raise SolverUnavailable(f"the {what} needs the package osqp: pip install 'pushfric_core[osqp]'") from error
+        raise SolverUnavailable(f"the {what} needs the package osqp: {installing('osqp')}") from error
     return OsqpProgram(n, loss)

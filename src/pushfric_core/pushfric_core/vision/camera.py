@@ -13,6 +13,7 @@ import yaml
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import yaml_content
+from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.planar import Array
 from pushfric_core.vision import PIXEL_LIMIT
 
@@ -242,7 +243,7 @@ def save_camera(camera: Lens, path: str | pathlib.Path) -> None:
     """Write a lens or a camera so that `load_lens` or `load_camera` reads it; camera_info_manager reads the lens of either.
 
     Raises:
-        OSError: the file cannot be written.
+        InvalidInput: the file cannot be written.
     """
     info = camera.info_fields()
     fields = {
@@ -257,7 +258,7 @@ def save_camera(camera: Lens, path: str | pathlib.Path) -> None:
     }
     if isinstance(camera, Camera):
         fields["table_homography"] = {"rows": 3, "cols": 3, "data": camera.H.ravel().tolist()}
-    pathlib.Path(path).write_text(yaml.safe_dump(fields, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    write_whole(pathlib.Path(path), yaml.safe_dump(fields, sort_keys=False, default_flow_style=None))
 
 
 def picture_from(data: npt.NDArray[np.uint8], format_: str) -> Image:

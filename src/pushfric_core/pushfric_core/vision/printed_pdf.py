@@ -11,6 +11,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.whole_file import make_folder
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.vision.board import MARKER, Board, charuco
 from pushfric_core.vision.fiducial_tracker import BORDER_MODULES, Fiducials
@@ -62,6 +63,7 @@ def _save(black: shapely.Geometry, frame: shapely.Geometry, text: str, path: pat
         axes.plot((_MARGIN_MM + mm,) * 2, (bottom - 10, bottom - (6 if mm % 10 == 0 else 8)), color="black", linewidth=0.3)
     ruler = f"This ruler is {_RULER_MM} mm long. If not, print again at 100 %. {text}"
     axes.text(_MARGIN_MM + _RULER_MM + 5, bottom - 10, ruler, fontsize=7)
+    make_folder(path.parent)
     try:
         figure.savefig(path, format="pdf")
     except OSError as error:

@@ -3,8 +3,7 @@
 import dataclasses
 import pathlib
 import time
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -13,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from pushfric_core.cell.cell_file import CellFile
-from pushfric_core.cell.node_settings import REPORT_FILE, CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
+from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
@@ -32,7 +31,7 @@ from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import FrictionEstimate
-from pushfric_ros.commands.recorded_run import left_behind, write_report
+from pushfric_ros.commands.recorded_run import left_behind, print_result
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.scratch import scratch_folder
@@ -40,13 +39,8 @@ from pushfric_ros.graph.supervisor import Ended
 from pushfric_ros.messages.conversions import report_from_msg
 from pushfric_ros.messages.markers import center_of_friction_from
 
-if TYPE_CHECKING:
-    from pushfric_core.offline.estimation import Estimation
-
 SPEED: float = SimulatedRunConfig.speed
 """Multiple of real time at which the simulated cell runs."""
-
-FIGURE = "figure.png"
 
 app = Application()
 
@@ -77,23 +71,15 @@ def demo(
     pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)
     load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
     shown = view_at(view, ViewConfig())
-    made: list[Estimation] = []
-
-    def report() -> None:
-        made.append(write_report(bag))
-
     live = console.is_terminal and not headless
     with telling_what_is_left(lambda: left_behind(bag)):
-        last, ended = run_demo(console, object_name, seed, bag, live, pushes, shown, planner, report)
+        last, ended = run_demo(console, object_name, seed, bag, live, pushes, shown, planner)
+    if last is not None:
+        print_summary(console, object_name, last)
+        write_json(to_json({**report_from_msg(last).to_dict(), "truth": truth(object_name), "bag": str(bag)}), json)
+    print_result(console, bag)
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
-    print_summary(console, object_name, last)
-    write_json(to_json({**report_from_msg(last).to_dict(), "truth": truth(object_name), "bag": str(bag)}), json)
-    from pushfric_core.report.figures import summary_figure  # imported late, or matplotlib would be in memory during the run
-
-    figure, (whole,) = bag / FIGURE, made
-    summary_figure(figure, whole.model.outline, whole.course, whole.estimator.observations, TABLE_1[object_name])
-    console.print(f"figure: {figure}\nreport: {bag / REPORT_FILE}\nbag:    {bag}", markup=False)
 
 
 def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
@@ -126,12 +112,8 @@ def run_demo(
     plan: PlanConfig,
     view: ViewConfig | None = None,
     planner: bool = False,
-    report: Callable[[], None] | None = None,
 ) -> tuple[FrictionEstimate | None, Ended]:
-    """Run the graph until its plan is finished; return the last estimate published, and how the run ended.
-
-    `report` is called as by `watch`.
-    """
+    """Run the graph until its plan is finished; return the last estimate published, and how the run ended."""
     with scratch_folder() as scratch:
         cell = dataclasses.replace(demo_cell(object_name, scratch), plan=plan)
         specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
@@ -147,7 +129,7 @@ def run_demo(
             live,
             prompts=view is not None,
             recorded=bag,
-            report=report,
+            known=TABLE_1[object_name],
         )
     return last, ended
 

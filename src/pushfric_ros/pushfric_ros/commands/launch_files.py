@@ -8,10 +8,10 @@ from pushfric_core.bags.recorded import Recorded, beside
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, ViewConfig
 from pushfric_core.commands.cell_options import AUTO_VIEW, view_at
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.object_file import OBJECT_FILE
 from pushfric_ros.commands.demo import SPEED, demo_cell
-from pushfric_ros.commands.recorded_run import failures
+from pushfric_ros.commands.recorded_run import failures, write_result
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import Launchable, NodeSpec
 
@@ -23,7 +23,13 @@ def _cell(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[Nod
 
 
 def _found(values: Mapping[str, str], namespace: str) -> Sequence[str]:
-    return failures(pathlib.Path(values["bag"]), namespace)
+    bag = pathlib.Path(values["bag"])
+    found = failures(bag, namespace)
+    try:
+        write_result(bag, found)
+    except PushfricError as error:
+        found.append(f"no result: {error}")
+    return found
 
 
 def _demo(values: Mapping[str, str], folder: pathlib.Path) -> tuple[str, Sequence[NodeSpec]]:

@@ -1,6 +1,7 @@
 """The bag of a run: where it goes, what an interrupted run leaves in it, and the course of its estimates."""
 
 import pathlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from pushfric_core.cell.node_settings import REPORT_FILE
@@ -15,8 +16,13 @@ from pushfric_core.wording import counted
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from pushfric_core.bags.recorded import Reading
+    from pushfric_core.geometry.table_1 import TableObject
     from pushfric_core.offline.estimation import Estimation
+
+FIGURE_FILE, MODEL_FILE = "figure.png", "model.yaml"
 
 
 def left_behind(bag: pathlib.Path) -> str:
@@ -24,10 +30,11 @@ def left_behind(bag: pathlib.Path) -> str:
     if not bag.exists() or not any(bag.iterdir()):
         return "interrupted before there was a bag"
     try:
-        data = _recorded(bag)[2].observations
+        data = write_result(bag, ["the run was interrupted"]).data
     except PushfricError as error:
         return f"bag left in {bag}, which gives no estimate: {error}"
-    return f"bag left in {bag} (pushes: {len({point.push_id for point in data})}); ./pushfric estimate {bag} reads it"
+    pushes = len({point.push_id for point in data})
+    return f"report: {bag / REPORT_FILE}\nbag left in {bag} (pushes: {pushes}); ./pushfric estimate {bag} reads it"
 
 
 def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int, aborted: int) -> list[str]:
@@ -91,14 +98,40 @@ def pushes_of(first: PlanProgress) -> int:
     return first.count - index_of(first.push_id, first.count) + first.completed + first.aborted + first.skipped
 
 
-def write_report(bag: pathlib.Path) -> "Estimation":
-    """Write the page of a finished run into its bag's folder; return the estimation, with its whole course, for figures."""
-    from pushfric_core.offline.estimation import Choices, estimate_from  # not before the run has ended, as below
-    from pushfric_core.offline.run_page import run_page
+def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject | None" = None) -> "Estimation":
+    """Write page, figure and model of a run, however it ended, into its bag's folder.
 
-    estimation = estimate_from(bag, Choices(), warn, whole_course=True)
+    Args:
+        bag: folder of the bag.
+        doubts: what was wrong with the run, in words; they stand on top, with those about the bag.
+        known: the simulated object.
+    Returns:
+        The estimation.
+    Raises:
+        PushfricError: the bag gives no estimate.
+    """
+    from pushfric_core.offline.estimation import Choices, estimate_from  # not before the run has ended, as below
+    from pushfric_core.offline.run_page import model_of, run_page
+    from pushfric_core.report.figures import summary_figure
+
+    estimation = estimate_from(bag, Choices(partial=True), warn, whole_course=True)
+    for doubt in doubts:
+        estimation.ledger.doubt(doubt)
     write_whole(bag / REPORT_FILE, run_page(estimation, bag / REPORT_FILE))
+    data, slipping = estimation.estimator.observations, estimation.settings.slipping
+    outline, course = estimation.model.outline, estimation.course
+    summary_figure(bag / FIGURE_FILE, outline, course, data, known, slipping, estimation.ledger.doubts)
+    if model := model_of(estimation):
+        write_whole(bag / MODEL_FILE, model)
     return estimation
+
+
+def print_result(console: "Console", bag: pathlib.Path) -> None:
+    """Name what a run has left."""
+    for what, name in {"figure: ": FIGURE_FILE, "model:  ": MODEL_FILE, "report: ": REPORT_FILE}.items():
+        if (bag / name).exists():
+            console.print(f"{what}{bag / name}", markup=False)
+    console.print(f"bag:    {bag}", markup=False)
 
 
 def _recorded(bag: pathlib.Path) -> "tuple[ObjectModel, EstimatorSettings, Reading]":

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.cell.node_settings import REPORT_FILE, ExperimentConfig, SimulatedRunConfig
+from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
@@ -20,7 +20,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.vision.camera import load_camera
-from pushfric_ros.commands.recorded_run import left_behind, write_report
+from pushfric_ros.commands.recorded_run import left_behind, print_result
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
 
@@ -76,9 +76,6 @@ def run(
             return
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
 
-    def report() -> None:
-        write_report(bag)
-
     live = console.is_terminal and not headless
     with telling_what_is_left(lambda: left_behind(bag)), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
         if simulated:
@@ -95,11 +92,7 @@ def run(
         if simulated and not live and shown is None:  # who runs a real pusher is near it
             specs = graph.unattended(specs)
         what = f"pushing {model.name}"
-        ended, last = watch(
-            console, specs, file.namespace, what, live, unfinished=go_on, prompts=True, recorded=bag, report=report
-        )
+        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, prompts=True, recorded=bag)
+    print_result(console, bag)
     if ended.code:
         fail(ended.reason, ended.code)
-    if last is not None:
-        console.print(f"report: {bag / REPORT_FILE}", markup=False)
-    console.print(f"bag:    {bag}", markup=False)

@@ -20,11 +20,14 @@ from rich.table import Table
 from rich.text import Text
 
 from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.commands.console import warn
 from pushfric_core.commands.interrupt import end_at_once
+from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.push_plan import index_of
+from pushfric_core.geometry.table_1 import TableObject
 from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.commands.recorded_run import disagreements, pushes_of
+from pushfric_ros.commands.recorded_run import disagreements, pushes_of, write_result
 from pushfric_ros.graph.graph import COMMAND_LINE, VIEW, NodeSpec, enclave
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.node_kit.stop_button import press
@@ -69,7 +72,7 @@ def watch(
     prompts: bool = False,
     recorded: pathlib.Path | None = None,
     stay: Callable[[FrictionEstimate | None], None] | None = None,
-    report: Callable[[], None] | None = None,
+    known: TableObject | None = None,
 ) -> tuple[Ended, FrictionEstimate | None]:
     """Run a graph with a monitor until it has ended and its last estimate has come; afterwards Ctrl-C ends the process.
 
@@ -81,10 +84,11 @@ def watch(
         replayed: the observations in the bag, if one is played.
         unfinished: called with the push of the plan to go on with, if the run ends before the plan does.
         prompts: without the table, print what the run waits for; the table shows it anyway.
-        recorded: folder of the bag that the run records. Even a run that ends well has failed if its bag, its live
-            estimate and its plan disagree.
+        recorded: folder of the bag that the run records. Its result is written there however the run ends, while only the
+            view is left, which shows it. Even a run that ends well has failed if its bag, its live estimate and its plan
+            disagree.
         stay: called with the last estimate when the run has ended well; the other nodes then run on until Ctrl-C.
-        report: called when a run with an estimate has ended well, while only the view is left, which shows what it writes.
+        known: the simulated object.
     """
     steps = None if replayed is None else len({observation.push_id for observation in replayed})
 
@@ -116,11 +120,15 @@ def watch(
             supervisor.end(but=VIEW)
             if ended.code == 0 and supervisor.failed_at_the_end is not None:
                 ended = supervisor.failed_at_the_end
-            elif ended.code == 0 and recorded is not None:
-                found = disagreements(recorded, monitor.estimate, monitor.planned, monitor.aborted)
-                ended = Ended(1, "; ".join(found)) if found else ended
-            if ended.code == 0 and monitor.estimate is not None and report is not None:
-                report()
+            if recorded is not None:
+                doubts = [ended.reason]
+                if ended.code == 0:
+                    doubts = disagreements(recorded, monitor.estimate, monitor.planned, monitor.aborted)
+                    ended = Ended(1, "; ".join(doubts)) if doubts else ended
+                try:
+                    write_result(recorded, doubts, known)
+                except PushfricError as error:
+                    warn(f"no result: {error}")
         if ended.code == 0 and supervisor.failed_at_the_end is not None:
             ended = supervisor.failed_at_the_end
         return ended, monitor.estimate
@@ -266,8 +274,10 @@ class Monitor:
             table.add_column(escape(name), justify="right")
         for push, msg in self._rows.items():
             table.add_row(str(push), *_cells(msg))
-        hint = self._hint(self._phase)
-        return Group(table, self._progress, Text(self._message), *[Text(hint, style="dim")] * bool(hint))
+        silent = self._finished is None and self._plan_leads and self._visit.node.silent("experiment")
+        hint = self._hint(-1 if silent else self._phase)
+        message = "the experiment does not report" if silent else self._message
+        return Group(table, self._progress, Text(message), *[Text(hint, style="dim")] * bool(hint))
 
     def _hint(self, phase: int) -> str:
         """The present actions of the keys; empty without a terminal to press them in."""

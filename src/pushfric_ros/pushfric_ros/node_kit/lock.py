@@ -9,11 +9,14 @@ this module needs the standard library alone.
 import contextlib
 import errno
 import hashlib
+import re
 import socket
 from collections.abc import Iterator
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.node_kit.domain import domain
+
+LONGEST = 90  # bytes of an address (unix(7) has room for 107), but for its beginning
 
 
 def lock(namespace: str) -> contextlib.AbstractContextManager[int]:
@@ -48,8 +51,19 @@ def address(what: str) -> str:
     Raises:
         InvalidInput: ROS_DOMAIN_ID is not a domain.
     """
-    digest = hashlib.sha256(f"{domain()} {what}".encode()).hexdigest()  # an address is short
-    return f"\0pushfric-{digest}"
+    text = f"{domain()} {what}"
+    if len(text.encode()) > LONGEST:
+        text = hashlib.sha256(text.encode()).hexdigest()
+    return f"\0pushfric {text}"
+
+
+def who_runs() -> str:
+    """The cells that run on this machine, in words; not those with a name that is too long for an address."""
+    with open("/proc/net/unix", encoding="utf-8", errors="replace") as table:
+        found = sorted(set(re.findall(r"@pushfric (\d+) (/\S*)$", table.read(), re.MULTILINE)))
+    if not found:
+        return "no cell runs on this machine"
+    return "running on this machine: " + ", ".join(f"{name} (ROS domain {number})" for number, name in found)
 
 
 @contextlib.contextmanager

@@ -112,7 +112,7 @@ def _set(variables: Mapping[str, str | None]) -> None:
 
 
 def _settings(images: bool) -> Mapping[str, str | None]:
-    local = _stays_on_this_machine()
+    local = stays_on_this_machine()
     if not get_rmw_implementation_identifier().startswith("rmw_fastrtps") or _configured_by_user():
         return {RANGE: Discovery.LOCALHOST.name} if local else {}
     roomy = images and SHARED_MEMORY.is_dir() and shutil.disk_usage(SHARED_MEMORY).free >= FREE
@@ -123,7 +123,8 @@ def _settings(images: bool) -> Mapping[str, str | None]:
     return {RANGE: "SYSTEM_DEFAULT", "ROS_LOCALHOST_ONLY": None, _file_variable(): str(profiles)}
 
 
-def _stays_on_this_machine() -> bool:
+def stays_on_this_machine() -> bool:
+    """Whether the environment keeps the nodes' messages on this machine."""
     asked, peers, only = map(os.environ.get, VARIABLES)
     return only == "1" or (not peers and asked in (None, "", Discovery.LOCALHOST.name))
 

@@ -23,6 +23,7 @@ from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import MODE_NAMES
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.interruption import held_back
+from pushfric_ros.node_kit.lock import who_runs
 from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.node_kit.visit import SERVING_NOTHING
@@ -78,16 +79,17 @@ class Person(contextlib.AbstractContextManager["Person"]):
     def _take(self, state: PusherState) -> None:
         self._states = [state]
 
-    def say_stop(self) -> None:
-        """Publish a stop on the topic, which also reaches nodes that serve no service.
+    def say_stop(self, seconds: float | None = None) -> None:
+        """Publish a stop on the topic, which also reaches nodes that serve no service, once somebody listens.
 
+        Args:
+            seconds: how long that is awaited.
         Raises:
             NoAnswer: nobody listens to the topic.
         """
         out = self._node.create_publisher(Empty, "stop", RELIABLE)
-        with contextlib.suppress(NoAnswer):
-            self._wait(out.get_subscription_count, "nobody listens to the topic stop")
-            out.publish(Empty())
+        self._wait(out.get_subscription_count, f"nobody listens to {out.topic_name}; {who_runs()}", seconds)
+        out.publish(Empty())
 
     @contextlib.contextmanager
     def repeating(self, topic: str, message: Any, qos: Any, seconds: float) -> Iterator[None]:
@@ -113,7 +115,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
         """
         client = self._node.create_client(Trigger, service)
         try:
-            self._wait(client.service_is_ready, f"no service {self._node.resolve_service_name(service)}: does the cell run?")
+            self._wait(client.service_is_ready, f"no service {self._node.resolve_service_name(service)}; {who_runs()}")
             answer = self._future(client.call_async(Trigger.Request()), f"{client.srv_name} does not answer")
         finally:
             self._node.destroy_client(client)
@@ -129,7 +131,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
         """
         if new:
             self._states.clear()
-        self._wait(lambda: self._states, "no pusher_state comes: does the cell run?")
+        self._wait(lambda: self._states, f"no pusher_state comes; {who_runs()}")
         return self._states[-1]
 
     def health(self) -> dict[str, str]:
@@ -158,7 +160,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
             raise NoAnswer("the permissions of the command line do not allow to push (SROS 2)") from error
         heartbeat = Heartbeat(self._node)
         try:
-            self._wait(client.server_is_ready, "no action push: does the cell run?")
+            self._wait(client.server_is_ready, f"no action push; {who_runs()}")
             owned = uuid.uuid4().bytes
             heartbeat.own(owned)
             goal = Push.Goal(push_id=PusherState.NO_PUSH, distance=distance, speed=speed)

@@ -34,7 +34,14 @@ from pushfric_core.trajectories.trajectory import PoseSample, Trajectory
 from pushfric_core.vision.sighting import NO_OBJECT
 from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
-from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, PlanProgress, PusherState
+from pushfric_msgs.msg import (
+    CenterOfFrictionRegion,
+    ContactFriction,
+    EstimatorProgress,
+    Observation,
+    PlanProgress,
+    PusherState,
+)
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit import executable
@@ -67,7 +74,7 @@ HINDRANCES = {
     PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
     PusherState.MODE_HOMING: "it seeks its home switch",
     PusherState.MODE_RUNNING: "",  # for a moment only
-    PusherState.MODE_HOLD: "it is held: release it at the controller, or activate the actuator",
+    PusherState.MODE_HOLD: "it is held, by its controller or until its actuator is active: press Reset when it is free to move",
     PusherState.MODE_ALARM: IN_ALARM,
 }
 """Why a pusher in this mode cannot push, and what the operator can do about it."""
@@ -104,6 +111,7 @@ class ExperimentNode(Node):
         self._mu_c = ContactFriction()
         self._settled = self._pushed = -1  # what the estimator has processed; when the last push ended [ns]
         self._newest = -1  # its newest observation [ns]
+        self._observed = -1  # the push that this is of
         self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._heartbeat, self._life = Heartbeat(self), Listener(self)
         self._awaits_choice = False  # a push was aborted, and a person chooses what becomes of it
@@ -142,6 +150,7 @@ class ExperimentNode(Node):
         self._estimator = self.create_subscription(
             EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED
         )
+        self.create_subscription(Observation, "observation", self._on_observation, RELIABLE)
         self.create_timer(0.05, self._check_condition)
         # in a group of its own, because the plan waits in this callback while other callbacks run
         self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
@@ -263,7 +272,25 @@ class ExperimentNode(Node):
         await self._until_well(self._namesake, PlanProgress.PHASE_WAITING, "the messages may come from another cell")
         self._report(PlanProgress.PHASE_PUSHING, push)
         config = self._config
-        return await self._carry(Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True))
+        carried = Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True)
+        return await self._carry(carried) or await self._unobserved(push_id, push)
+
+    async def _unobserved(self, push_id: int, push: str) -> str | None:
+        """Why a push that reached its end is of no use: the estimator made no observation of it, and none is to come."""
+        end = self.get_clock().now().nanoseconds
+
+        def outstanding() -> str | None:
+            estimates = self._estimator.get_publisher_count() and self._observed != push_id and self._choice is None
+            if not estimates or self._settled >= end or self._unseen:
+                return None
+            return f"waiting for {self._unwell() or 'its observations'}"
+
+        await self._until_well(outstanding, PlanProgress.PHASE_PUSHING, push)
+        if self._choice is not None:
+            return self._choice.value
+        if self._observed == push_id or not self._estimator.get_publisher_count():
+            return None
+        return "no observation came from it" + "; the object is not seen" * self._unseen
 
     async def _others(self) -> None:
         """Wait for the other nodes. A node that reports OK receives the topics it needs, so it misses nothing of a push."""
@@ -520,10 +547,13 @@ class ExperimentNode(Node):
         last = self._poses[-1][1]
         off, turned = math.hypot(last.x - wanted.x, last.y - wanted.y), abs(wrap(last.theta - wanted.theta))
         self._progress.in_place = off <= self._config.position_tolerance and turned <= self._config.angle_tolerance
+        faults = []
         if off > self._config.position_tolerance:
-            return f"it lies about {10 * round(100 * off)} mm off"
+            faults.append(f"lies about {10 * round(100 * off)} mm off")
         if turned > self._config.angle_tolerance:
-            return f"it is turned {10 * round(math.degrees(turned) / 10)} degrees too far"
+            faults.append(f"is turned {10 * round(math.degrees(turned) / 10)} degrees too far")
+        if faults:
+            return f"it {' and '.join(faults)}"
         still = all(
             math.hypot(p.x - last.x, p.y - last.y) + 0.1 * abs(wrap(p.theta - last.theta)) < 2 * self._config.still_distance
             for _, p in self._poses
@@ -569,6 +599,9 @@ class ExperimentNode(Node):
 
     def _on_estimator_progress(self, msg: EstimatorProgress) -> None:
         self._settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
+
+    def _on_observation(self, msg: Observation) -> None:
+        self._observed = msg.push_id
 
     def _on_region(self, msg: CenterOfFrictionRegion) -> None:
         self._region = msg

@@ -1,8 +1,10 @@
 """The monitor node: what the command line receives from a running cell."""
 
+import time
 from collections.abc import Callable, Collection
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
@@ -10,8 +12,12 @@ from std_srvs.srv import SetBool, Trigger
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
-from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE
+from pushfric_ros.node_kit.diagnostics import PERIOD
+from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE
 from pushfric_ros.node_kit.visit import SERVING_NOTHING
+
+GONE = 3
+"""After this many periods without a report, a node is silent; run.js says the same."""
 
 LOOK_PERIOD = 0.05
 """Time between two looks for the player, in wall time [s]."""
@@ -42,6 +48,8 @@ class MonitorNode(Node):
         self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED_QUEUE)
         self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED_QUEUE)
         self.create_subscription(EstimatorProgress, "estimator_progress", self._on_estimator_progress, LATCHED)
+        self._reported: dict[str, float] = {}  # when each node did last [s of wall time]
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
         self._clients_of = {service: self.create_client(Trigger, service) for service in services}
         if starts_player:
             self._pause = self.create_client(SetBool, "player/pause")
@@ -58,6 +66,14 @@ class MonitorNode(Node):
             on_answer(str(future.result().message))
 
         client.call_async(Trigger.Request()).add_done_callback(answered)
+
+    def silent(self, node: str) -> bool:
+        """Whether a node of the cell has reported, and does so no more."""
+        then = self._reported.get(f"{self.get_namespace()}/{node}")
+        return then is not None and time.monotonic() - then > GONE * PERIOD
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        self._reported |= {status.name: time.monotonic() for status in msg.status}
 
     def _start_player(self) -> None:
         if self._estimates.get_publisher_count() and self._pause.service_is_ready():

@@ -104,6 +104,7 @@ class SimulatedCellNode(Node):
         self._image_out = topics.advertise(Image, "image_raw", SENSOR_DATA)
         self._info_out = topics.advertise(CameraInfo, "camera_info", SENSOR_DATA)
         self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
+        self.create_subscription(PoseStamped, "hand", self._on_hand, RELIABLE)
         self._grbl: SimulatedGrbl | None = None
         self._reports: deque[tuple[int, float]] = deque(maxlen=REPORTS)  # (when [ns], where [m]) of a real pusher
         self._wall_start = self._stepped = time.monotonic()
@@ -214,6 +215,15 @@ class SimulatedCellNode(Node):
         x, y, turn = self._rng.normal(0.0, self._config.placement_error, 3).clip(*self._reach())
         self._present = False
         self._placing = (self._elapsed + self._config.away, Pose(wanted.x + x, wanted.y + y, wanted.theta + turn / 0.02))
+
+    def _on_hand(self, msg: PoseStamped) -> None:
+        """Have the object where a person lays it in the view."""
+        try:
+            self._object.pose = pose_from_msg(msg.pose)
+        except ValueError as error:
+            self.get_logger().error(f"hand ignored: {error}")
+            return
+        self._placing, self._present = None, True
 
     def _reach(self) -> tuple[float, float]:
         return -2 * self._config.placement_error, 2 * self._config.placement_error

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -26,7 +26,7 @@ from pushfric_core.report.story import Change, Story
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
-from pushfric_ros.messages.conversions import report_from_msg
+from pushfric_ros.messages.conversions import pose_to_msg, report_from_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
@@ -67,6 +67,7 @@ class ViewNode(Node):
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
         self.create_timer(UNSEEN_PERIOD, self._read, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
+        self._hand_out = self.create_publisher(PoseStamped, "hand", RELIABLE)
         triggers = {
             "stop": "actuator/stop",
             "reset": "actuator/reset",
@@ -172,6 +173,11 @@ class ViewNode(Node):
 
     def _carry_out(self, request: Request) -> None:
         """Call the service that a visitor's request means; a stop also goes out on its topic, at once."""
+        if request.pose is not None:
+            simulated = self._hand_out.get_subscription_count() > 0
+            self._hand_out.publish(PoseStamped(pose=pose_to_msg(request.pose)))
+            request.answer(Answer(simulated, "laid" if simulated else "nobody simulates an object that could be laid"))
+            return
         client = self._services_of[request.action]
         if request.action == "stop":
             self._stop_out.publish(Empty())

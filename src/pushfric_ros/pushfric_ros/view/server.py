@@ -6,7 +6,9 @@ waits, in which later values of a key replace earlier ones.
 
 import asyncio
 import json
+import math
 import pathlib
+import time
 from collections.abc import Awaitable, Callable
 from typing import NamedTuple
 
@@ -14,9 +16,10 @@ from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from pushfric_core.cell.node_settings import REPORT_FILE, ViewConfig
+from pushfric_core.geometry.planar import Pose
 from pushfric_core.pages.page_server import Asked, PageServer
 from pushfric_core.report.report import to_json
-from pushfric_core.report.story import Change
+from pushfric_core.report.story import PASSING, Change
 from pushfric_core.trajectories.observation import PUSH_IDS
 
 ACTIONS = ("stop", "reset", "repeat", "skip", "end", "exclude", "keep")
@@ -42,9 +45,10 @@ class Answer(NamedTuple):
 class Request(NamedTuple):
     """Something that a visitor asks for."""
 
-    action: str  # one of ACTIONS
+    action: str  # one of ACTIONS, or lay
     push: int | None  # to exclude or keep
     answer: Callable[[Answer], None]  # from any thread; only the first answer counts
+    pose: Pose | None = None  # where to lay the simulated object
 
 
 class Server(PageServer):
@@ -68,6 +72,7 @@ class Server(PageServer):
     ) -> None:
         self._on_request, self._on_looking, self.report = on_request, on_looking, report
         self._story: Change = {}
+        self._came: dict[str, float] = {}  # when what passes did
         self._kept: dict[str, bytes] = {}  # the pictures of the story, by its keys
         self._visitors: set[Visitor] = set()
         self._looking = False
@@ -77,6 +82,7 @@ class Server(PageServer):
             (rf"/{REPORT_FILE}", Report),
             (r"/(stop|reset|repeat|skip|end)", Action),
             (r"/(exclude|keep)/(-?\d{1,10})", Action),
+            (r"/lay/(-?\d{1,5})/(-?\d{1,5})/(-?\d{1,5})", Laying),
         ]
         super().__init__(config, "index.html", routes)
 
@@ -95,7 +101,9 @@ class Server(PageServer):
     def welcome(self, visitor: "Visitor") -> None:
         """Send everything so far to a new visitor."""
         self._visitors.add(visitor)
-        visitor.tell(self._story)
+        now = time.monotonic()
+        ages = {key: now - came for key, came in self._came.items()}
+        visitor.tell(self._story | ({"ages": ages} if ages else {}))
         self.look()
 
     def leave(self, visitor: "Visitor") -> None:
@@ -110,10 +118,10 @@ class Server(PageServer):
             self._looking = looking
             self._on_looking(looking)
 
-    def ask(self, action: str, push: int | None) -> Awaitable[Answer]:
+    def ask(self, action: str, push: int | None = None, pose: Pose | None = None) -> Awaitable[Answer]:
         """Pass a request on; the answer comes later."""
         answered, answer = self.awaited()
-        self._on_request(Request(action, push, answer))
+        self._on_request(Request(action, push, answer, pose))
         return asyncio.wait_for(answered, ANSWER_WITHIN)
 
     async def bid_farewell(self) -> None:
@@ -126,6 +134,7 @@ class Server(PageServer):
 
     def _show(self, change: Change, jpeg: bytes) -> None:
         self._story |= change
+        self._came |= {key: time.monotonic() for key in change if key.startswith(PASSING)}
         self._kept |= {key: jpeg for key in change if jpeg and key.startswith("picture/")}
         for key in [key for key, value in change.items() if value is None and key != "estimate"]:
             del self._story[key]
@@ -265,3 +274,15 @@ class Action(Asked):
         except TimeoutError:
             answer = Answer(False, f"nobody answered within {ANSWER_WITHIN:g} s")
         self.write(answer._asdict())
+
+
+class Laying(Asked):
+    """Where a visitor lays the simulated object: x and y in tenths of a millimetre, and its turn in tenths of a degree."""
+
+    server: Server
+
+    async def post(self, x: str, y: str, turn: str) -> None:
+        """Lay it there."""
+        self.admit()
+        pose = Pose(1e-4 * int(x), 1e-4 * int(y), math.radians(0.1 * int(turn)))
+        self.write((await self.server.ask("lay", pose=pose))._asdict())

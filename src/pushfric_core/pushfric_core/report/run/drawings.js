@@ -164,6 +164,7 @@ export function drawMap(svg, story, trail = []) {
   const [left, low, right, high] = [Math.floor, Math.ceil].flatMap((to, end) => [0, 1].map((axis) => step * to((end ? 1 : -1) * 0.5 + (end ? Math.max : Math.min)(...all.map((point) => point[axis])) / step)));
   const scale = Math.min((WIDTH - 60) / (right - left), (height - 70) / (high - low));
   const to = ([x, y]) => [WIDTH / 2 + (x - (left + right) / 2) * scale, height / 2 - 10 - (y - (low + high) / 2) * scale];
+  svg.toTable = ([u, v]) => [(left + right) / 2 + (u - WIDTH / 2) / scale, (low + high) / 2 - (v - height / 2 + 10) / scale];
   const axes = (at, name) => [[1, 0], [0, 1]].forEach((way, axis) => {
     const ends = placed([[0, 0], way.map((value) => 0.25 * size * value)], at).map(to);
     parts.push(...arrow(ends, "frame_axis"));
@@ -177,6 +178,10 @@ export function drawMap(svg, story, trail = []) {
   if (pose) parts.unshift(made("path", { class: "outline", d: path(object.map(to), true) }));
   axes([0, 0, 0], " table");
   if (pose) axes(pose, "");
+  if (pose && story["node/simulated_cell"]) {
+    const [[u, v]] = placed([[0.25 * size, 0]], pose).map(to);
+    parts.push(made("circle", { class: "handle", cx: u, cy: v, r: 12 }));
+  }
   if (trail.length) {
     parts.push(made("path", { class: "trail", d: path(trail.filter(({ pose: past }) => past).map(({ pose: past }) => to(past))) }));
     const at = trail.at(-1), inward = turned(at.contact.slice(2), pose?.[2] ?? 0).map((value) => -value);

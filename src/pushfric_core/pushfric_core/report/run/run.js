@@ -1,6 +1,12 @@
 // The run that the page shows, made of its story; story.py lists the keys.
 const KINDS = ["moment", "push", "event", "picture"];
 
+// What passes, and how often it comes at least [s]
+const PERIODS = { node: 1, pose: 0.5, pusher: 0.5, image: 0.5 };
+const GONE = 3; // what is older than this many of its periods is not shown
+const SILENT = { level: "stale", message: "does not report", values: {} };
+const periodOf = (key) => PERIODS[key.split("/", 1)[0]];
+
 export class Run {
   story = {};
   moments = []; // the observations, each with its push and what was known after it
@@ -8,6 +14,36 @@ export class Run {
   events = [];
   pictures = [];
   version = 0; // of these four
+  #came = new Map(); // when what passes did [ms]
+
+  /** Note that something that passes has come, some time ago [s]. */
+  came(key, ago = 0) {
+    this.#came.set(key, performance.now() - 1e3 * ago);
+  }
+
+  /** The age of something that passes, in its periods: it fades from 1 on, and goes at `GONE`. */
+  age(key) {
+    return this.#came.has(key) ? (performance.now() - this.#came.get(key)) / (1e3 * periodOf(key)) : 0;
+  }
+
+  isGone(key) {
+    return this.age(key) >= GONE;
+  }
+
+  /** The story without what is too old to be so now: what passes, and what a node said that does not report any more. */
+  present() {
+    const story = { ...this.story };
+    for (const key of this.#came.keys()) {
+      if (!this.isGone(key)) continue;
+      if (key.startsWith("node/")) story[key] = SILENT;
+      else delete story[key];
+    }
+    const silent = (node) => story[`node/${node}`] === SILENT && story.plan?.phase !== "finished";
+    if (silent("experiment") && story.plan) story.plan = { ...story.plan, phase: "silent", message: "The experiment does not report", in_place: false, purpose: "", details: "" };
+    if (silent("actuator")) delete story.fault;
+    story.outdated = silent("estimator");
+    return story;
+  }
 
   /** Take the whole story, or some of it. */
   take({ all, some }) {
@@ -16,6 +52,7 @@ export class Run {
     for (const [key, value] of told) {
       if (value === null) delete this.story[key];
       else this.story[key] = value;
+      if (periodOf(key) && key !== "image") this.came(key, (all ?? some).ages?.[key]);
     }
     if (all || told.some(([key]) => KINDS.includes(key.split("/", 1)[0]))) this.#arrange();
   }

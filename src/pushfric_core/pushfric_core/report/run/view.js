@@ -4,7 +4,6 @@ import { drawCursors, drawLine } from "./line.js";
 import { Run } from "./run.js";
 
 const RETRY_MS = 2000;
-const STALE_MS = 3000; // an image older than this is no longer what the camera sees
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
 
 const token = new URLSearchParams(location.search).get("token") ?? "";
@@ -12,7 +11,6 @@ const at = (id) => document.getElementById(id);
 const run = new Run();
 let story = run.story;
 let picture = null; // address of the image shown
-let pictureAt = -Infinity;
 let drawing = false; // a redraw is due
 let connection = "connecting"; // or live, lost, ended, refused; over: the story is in the page
 let chosen = null, pinned = null; // numbers of the moment that is shown and of the one compared with; null: now, none
@@ -46,11 +44,10 @@ function connect() {
       return;
     }
     run.take(JSON.parse(data));
-    story = run.story;
     connection = "live";
     newsAt = performance.now();
     keepPictures();
-    if (story.reported) takeReport(socket);
+    if (run.story.reported) takeReport(socket);
     redraw();
   };
   socket.onclose = ({ code }) => {
@@ -86,7 +83,7 @@ function show(blob) {
   if (picture && !at("overlay").complete) return; // the one before is not even drawn
   const before = picture;
   picture = URL.createObjectURL(blob);
-  pictureAt = performance.now();
+  run.came("image");
   if (chosen === null) at("overlay").src = picture;
   if (before) URL.revokeObjectURL(before);
   redraw();
@@ -118,10 +115,14 @@ function redraw() {
   drawing = true;
   requestAnimationFrame(() => {
     drawing = false;
+    story = run.present();
     drawHeader();
     drawNow();
     const moment = shown(), compared = momentOf(pinned);
     drawCamera(moment, compared);
+    at("map").classList.toggle("old", !moment && Math.max(run.age("pose"), run.age("pusher")) > 1);
+    if (isLaid()) at("map").setAttribute("tabindex", "0"); // its keys move the object
+    else at("map").removeAttribute("tabindex");
     drawMap(at("map"), moment ? { object: story.object, pose: moment.pose } : story, moment ? run.moments.slice(moment.index - moment.place + 1, moment.index + 1) : []);
     const now = [run.version, at("line").clientWidth, connection, story.estimate, moment, compared];
     const changed = now.findIndex((one, index) => one !== drawn[index]);
@@ -158,20 +159,21 @@ function drawMoment(moment, compared) {
 function drawHeader() {
   at("object").textContent = story.object?.name ?? "pushfric";
   at("cell").textContent = story.cell ?? "";
-  const age = Math.round((performance.now() - newsAt) / 1e3);
-  const lost = `no connection for ${age} s, trying again …; what is shown is that old. Stop works`;
-  const said = { connecting: "connecting …", live: "", lost, ended: "the run has ended", refused: "", over: "" };
-  write("connection", said[connection]);
-  at("connection").className = connection === "lost" ? "lost" : "";
-  document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
   const live = connection === "live";
+  const age = Math.round((performance.now() - newsAt) / 1e3);
+  const lost = `no connection for ${age} s, trying again … Stop works`;
+  const quiet = age < 3 ? "" : `no news for ${age} s`;
+  const said = { connecting: "connecting …", live: quiet, lost, ended: "the run has ended", refused: "", over: "" };
+  write("connection", said[connection]);
+  at("connection").className = connection === "lost" || (live && quiet) ? "lost" : "";
+  document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
   const pushes = live && known(story["node/actuator"]);
   at("stop").disabled = live && !pushes; // never for want of a connection: a request may still arrive
   at("reset").disabled = !(pushes && ["hold", "alarm"].includes(story.pusher?.mode));
   const phase = live ? story.plan?.phase : undefined;
   at("repeat").disabled = phase !== "choosing";
   at("skip").disabled = !["placing", "pushing", "waiting", "choosing"].includes(phase);
-  at("end").disabled = !phase || phase === "finished";
+  at("end").disabled = !phase || ["finished", "silent"].includes(phase);
 }
 
 function drawNow() {
@@ -180,8 +182,8 @@ function drawNow() {
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
-  const way = wayToPlace(story);
-  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
+  const way = wayToPlace(story), hand = isLaid() ? "; drag it on the table, turn it by the ring, or use the arrow keys there (with Shift, they turn)" : "";
+  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go${hand}`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
   at("result").hidden = !(story.report && plan?.phase === "finished");
   write("report", story.report ?? "");
@@ -192,13 +194,18 @@ function drawNow() {
   write("purpose", plan && plan.phase !== "finished" ? alarm ?? plan.purpose : "");
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
-  at("now").className = connection === "live" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
+  at("now").className = connection === "live" && plan?.phase !== "silent" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
   at("progress").parentElement.hidden = !plan;
   if (plan) {
     const done = plan.completed + plan.aborted + plan.skipped;
     at("progress").max = Math.max(1, plan.count);
     at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
     at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
+  }
+  document.querySelector(".numbers").classList.toggle("old", story.outdated);
+  if (story.outdated) {
+    at("trust").textContent = "The estimator does not report: the estimate is what it said last.";
+    return;
   }
   const verdict = estimate?.belief.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
@@ -328,18 +335,19 @@ async function keepPictures() {
 }
 
 function drawCamera(moment, compared) {
-  const tracker = story["node/tracker"], live = !moment && picture;
-  const kept = live ? undefined : run.pictureAt(moment), address = live ? picture : kept && addressOf(kept);
+  const now = !moment && connection !== "over" && connection !== "ended", tracker = now ? story["node/tracker"] : undefined;
+  const live = now && picture && !run.isGone("image");
+  const kept = now ? undefined : run.pictureAt(moment), address = live ? picture : kept && addressOf(kept);
   at("camera").hidden = connection === "over" && !run.pictures.length;
   if (address && at("overlay").getAttribute("src") !== address && !live) at("overlay").src = address;
   at("overlay").hidden = !address;
-  at("overlay").classList.toggle("old", Boolean(live) && performance.now() - pictureAt > STALE_MS);
+  at("overlay").classList.toggle("old", Boolean(live) && run.age("image") > 1);
   at("no_image").hidden = Boolean(address);
   const then = compared && run.pictureAt(compared);
   at("pinned_frame").hidden = !then;
   if (then && at("pinned_image").getAttribute("src") !== addressOf(then)) at("pinned_image").src = addressOf(then);
-  const unseen = !moment && tracker && tracker.level !== "ok";
-  let said = !tracker ? "" : unseen ? `✗ ${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
+  const unseen = tracker && tracker.level !== "ok";
+  let said = !tracker ? "" : unseen ? `✗ ${tracker.level === "stale" ? "The tracker " : ""}${tracker.message}` : `✓ The object is ${tracker.message}, ${tracker.values["residual [px]"] ?? "–"} px from its outline`;
   if (moment) said = kept ? `Taken ${plain(Math.abs(kept.t - moment.t), 1)} s ${kept.t > moment.t ? "after" : "before"} this moment` : "";
   if (then) said += `${said && "; "}right: the moment compared with`;
   write("seen", said);
@@ -435,6 +443,57 @@ function worded(tag, text) {
   return element;
 }
 
+// A simulated object is laid by hand: dragged, turned by its handle, or moved by keys
+
+const isLaid = () => connection === "live" && chosen === null && Boolean(story["node/simulated_cell"] && story.pose);
+let held = null; // what a pointer holds: whether it turns, the object's pose, and how far from its middle it was taken
+let laid = { pose: null, at: -Infinity }, laying = false; // where it was laid last, and whether that is on its way
+
+async function lay(pose) {
+  laid = { pose, at: performance.now() };
+  if (laying) return;
+  laying = true;
+  for (let sent; sent !== laid.pose; ) {
+    sent = laid.pose;
+    const [x, y, theta] = sent, turn = Math.atan2(Math.sin(theta), Math.cos(theta));
+    try {
+      const headers = token ? { Authorization: `Bearer ${token}` } : {};
+      await fetch(`lay/${[1e4 * x, 1e4 * y, (1800 / Math.PI) * turn].map(Math.round).join("/")}`, { method: "POST", headers });
+    } catch {
+      break; // the connection is lost, and said to be
+    }
+  }
+  laying = false;
+}
+
+function onTable(event) {
+  const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(at("map").getScreenCTM().inverse());
+  return at("map").toTable([x, y]);
+}
+
+at("map").addEventListener("pointerdown", (event) => {
+  const there = document.elementsFromPoint(event.clientX, event.clientY).map((one) => one.classList); // an arrow may lie over it
+  const has = (kind) => there.some((classes) => classes.contains(kind));
+  if (!isLaid() || !(has("outline") || has("handle"))) return;
+  event.preventDefault();
+  at("map").setPointerCapture(event.pointerId);
+  const [x, y] = onTable(event);
+  held = { turns: has("handle"), pose: story.pose, grip: [x - story.pose[0], y - story.pose[1]] };
+});
+at("map").addEventListener("pointermove", (event) => {
+  if (!held) return;
+  const [x, y] = onTable(event), [x0, y0, theta] = held.pose;
+  lay(held.turns ? [x0, y0, Math.atan2(y - y0, x - x0)] : [x - held.grip[0], y - held.grip[1], theta]);
+});
+for (const kind of ["pointerup", "pointercancel"]) at("map").addEventListener(kind, () => { held = null; });
+at("map").addEventListener("keydown", (event) => {
+  const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+  if (!way || !isLaid()) return;
+  event.preventDefault();
+  const [x, y, theta] = performance.now() - laid.at < 1000 ? laid.pose : story.pose; // what is seen lags behind
+  lay(event.shiftKey ? [x, y, theta - (way[0] - way[1]) * 0.05] : [x + 0.002 * way[0], y + 0.002 * way[1], theta]);
+});
+
 at("moment").addEventListener("input", ({ target }) => choose(Number(target.value)));
 at("moment").addEventListener("keydown", (event) => {
   if (event.key !== "PageUp" && event.key !== "PageDown") return;
@@ -479,6 +538,6 @@ if (told) {
   story = run.story;
   redraw();
 } else {
-  setInterval(redraw, 1000); // an image grows old without news
+  setInterval(redraw, 500); // what is shown grows old without news
   connect();
 }
