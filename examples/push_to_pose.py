@@ -224,7 +224,7 @@ def best_stroke(cell: Cell, pose: Array, rng: np.random.Generator) -> tuple[Arra
     strokes = random_strokes(cell.known, CANDIDATES, rng)
     for share in (*REFINEMENTS, None):
         ends = cell.ends(np.repeat(pose[None], len(strokes), axis=0), strokes)
-        if ends is None:  # nothing has been learned yet
+        while ends is None:  # nothing has been learned yet, and the estimator may just be saying so
             cell.tell(even(cell.known))
             ends = cell.ends(np.repeat(pose[None], len(strokes), axis=0), strokes)
         costs = distance(cell.known, ends)
