@@ -121,11 +121,18 @@ def test_a_bag_that_is_left_is_named_with_its_pushes(tmp_path):
 
 
 def test_a_bag_that_gives_no_estimate_says_why(tmp_path):
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag/bag_0.mcap").touch()
+    assert left_behind(tmp_path / "bag").startswith(f"bag left in {tmp_path}/bag, which gives no estimate: {tmp_path}/bag")
+
+
+def test_a_damaged_bag_leaves_its_result_under_what_is_in_doubt(tmp_path):
     shutil.copytree(RECORDED, tmp_path / "bag")
     recording = next((tmp_path / "bag").glob("*.mcap"))
     recording.write_bytes(recording.read_bytes()[: recording.stat().st_size // 2])
     said = left_behind(tmp_path / "bag")
-    assert said.startswith(f"bag left in {tmp_path}/bag, which gives no estimate: {tmp_path}/bag: the bag is damaged, ")
+    assert said.endswith(f"./pushfric estimate {tmp_path}/bag --partial reads it")
+    assert "the bag is damaged, " in (tmp_path / "bag/model.yaml").read_text()
 
 
 HELD_BACK = """

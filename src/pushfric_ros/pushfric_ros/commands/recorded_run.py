@@ -33,8 +33,10 @@ def left_behind(bag: pathlib.Path) -> str:
         data = write_result(bag, ["the run was interrupted"]).data
     except PushfricError as error:
         return f"bag left in {bag}, which gives no estimate: {error}"
-    pushes = len({point.push_id for point in data})
-    return f"report: {bag / REPORT_FILE}\nbag left in {bag} (pushes: {pushes}); ./pushfric estimate {bag} reads it"
+    from pushfric_core.bags.bag import Bag  # not before the run has ended, as below
+
+    pushes, how = len({point.push_id for point in data}), " --partial" * (Bag(bag).damage is not None)
+    return f"report: {bag / REPORT_FILE}\nbag left in {bag} (pushes: {pushes}); ./pushfric estimate {bag}{how} reads it"
 
 
 def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int, aborted: int) -> list[str]:
@@ -110,11 +112,16 @@ def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject |
     Raises:
         PushfricError: the bag gives no estimate.
     """
-    from pushfric_core.offline.estimation import Choices, estimate_from  # not before the run has ended, as below
+    from pushfric_core.bags.bag import DamagedBag  # not before the run has ended, as below
+    from pushfric_core.offline.estimation import Choices, estimate_from
     from pushfric_core.offline.run_page import model_of, run_page
     from pushfric_core.report.figures import summary_figure
 
-    estimation = estimate_from(bag, Choices(partial=True), warn, whole_course=True)
+    try:
+        estimation = estimate_from(bag, Choices(), warn, whole_course=True)
+    except DamagedBag as damage:
+        estimation = estimate_from(bag, Choices(partial=True), warn, whole_course=True)
+        doubts = [*doubts, str(damage)]
     for doubt in doubts:
         estimation.ledger.doubt(doubt)
     write_whole(bag / REPORT_FILE, run_page(estimation, bag / REPORT_FILE))
