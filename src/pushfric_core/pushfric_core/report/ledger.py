@@ -14,7 +14,8 @@ def account(ledger: Ledger) -> dict[str, Any]:
         "accounts": ledger.sums(),
         "events": [{"stamp": stamp, "text": text} for stamp, text in ledger.events],
         "more_events": ledger.more_events,
-        "doubts": list(ledger.doubts),
+        "doubts": [one._asdict() for one in ledger.doubts],
+        "remarks": [one._asdict() for one in ledger.remarks],
     }
 
 

@@ -1,12 +1,13 @@
 """The ledger: every message that came in ends in exactly one account, which says what became of it.
 
 Accounts are counts, so a ledger stays small however long a run is. What happened to a stream as a whole is an event, with its
-time. What does not add up is a doubt: one line with numbers, for people.
+time. What does not add up is a doubt: observations may be missing, or may not be what happened.
 """
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum, auto
 from typing import NamedTuple
 
 POSES, STATES, WRENCHES, OBSERVATIONS, PUSHES = KINDS = ("poses", "pusher states", "wrenches", "observations", "pushes")
@@ -65,6 +66,49 @@ class Event(NamedTuple):
     text: str  # a sentence with numbers
 
 
+class DoubtCode(StrEnum):
+    """Codes of doubts."""
+
+    # single messages
+    STAMPS_AHEAD = auto()
+    STAMPS_BEHIND = auto()
+    VALUES_REFUSED = auto()
+
+    # the streams of poses and pusher states
+    POSES_MISSING = auto()
+    POSES_DROPPED = auto()
+    STATES_MISSING = auto()
+    CLOCKS_STEP = auto()
+
+    # the pushes
+    BEGINS_LATE = auto()
+    PUSHES_MISSING = auto()
+    NO_BEGINNING = auto()
+    NO_END = auto()
+
+    # the bag
+    LOST_BEFORE = auto()
+    NOT_UNDERSTOOD = auto()
+
+    # what the run recorded about itself
+    PLAN_UNFINISHED = auto()
+    PLAN_BROKEN = auto()
+    RUN_DIFFERS = auto()
+
+
+REMARKS = frozenset((DoubtCode.POSES_DROPPED, DoubtCode.BEGINS_LATE))
+"""Codes of what also happens where nothing went wrong: cameras drop single frames, and recorders begin late."""
+
+
+class Doubt(NamedTuple):
+    """Something that does not add up."""
+
+    code: DoubtCode
+    text: str  # a line with numbers
+    stamp: int = 0  # when [ns]; 0: no time is known
+    lost: int | None = None  # about how many observations it costs; None: nobody knows
+
+
 @dataclass
 class Account:
     """The account of the messages of one kind: `received` counts all, `ended` those whose end is known, by reason."""
@@ -104,14 +148,16 @@ class Ledger:
         accounts: by kind.
         events: the first MOST_EVENTS, in the order in which they were noticed.
         more_events: number of all others.
-        doubts: lines for people, each once.
+        doubts: what does not add up, each once.
+        remarks: doubts with one of the codes REMARKS: nothing need be wrong, but nor is it known that nothing is missing.
     """
 
     def __init__(self) -> None:
         self.accounts = {kind: Account() for kind in KINDS}
         self.events: list[Event] = []
         self.more_events = 0
-        self.doubts: list[str] = []
+        self.doubts: list[Doubt] = []
+        self.remarks: list[Doubt] = []
 
     def event(self, stamp: int, text: str) -> None:
         """Note what happened to a stream at a time [ns]."""
@@ -120,10 +166,23 @@ class Ledger:
         else:
             self.more_events += 1
 
-    def doubt(self, line: str) -> None:
-        """Note what does not add up: one line with numbers."""
-        if line not in self.doubts:
-            self.doubts.append(line)
+    def doubt(self, code: DoubtCode, text: str, stamp: int = 0, lost: int | None = None) -> None:
+        """Note what does not add up, as `Doubt`, or remark it."""
+        noted = self.remarks if code in REMARKS else self.doubts
+        if (one := Doubt(code, text, stamp, lost)) not in noted:
+            noted.append(one)
+
+    @property
+    def lines(self) -> list[str]:
+        """The doubts and the remarks, one line each."""
+        return [one.text for one in (*self.doubts, *self.remarks)]
+
+    def doubt_refused(self) -> None:
+        """Doubt the messages that were refused."""
+        for kind, account in self.accounts.items():
+            if number := account.ended[REFUSED]:
+                text = f"{counted_of(number, account.received, kind)} refused: the values are impossible"
+                self.doubt(DoubtCode.VALUES_REFUSED, text)
 
     def take(self, accounts: Mapping[str, Account], events: Iterable[Event] = ()) -> None:
         """Take over accounts that were kept elsewhere, and events."""
@@ -136,8 +195,8 @@ class Ledger:
         """Take over all that another ledger holds."""
         self.take(other.accounts, other.events)
         self.more_events += other.more_events
-        for line in other.doubts:
-            self.doubt(line)
+        for doubt in (*other.doubts, *other.remarks):
+            self.doubt(*doubt)
 
     def settle(
         self,
@@ -169,3 +228,8 @@ class Ledger:
     def sums(self) -> dict[str, dict[str, int]]:
         """By kind, for those of which any came, as `Account.sums`."""
         return {kind: account.sums() for kind, account in self.accounts.items() if account.received}
+
+
+def counted_of(number: int, total: int, kind: str) -> str:
+    """Some of a kind as the subject of a sentence, with its verb: 1 of 871 poses is."""
+    return f"{number} of {total} {kind} {'is' if number == 1 else 'are'}"

@@ -12,9 +12,20 @@ is noticed too, but order of time cannot be restored: what it stamps is left out
 """
 
 from collections import deque
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
-from pushfric_core.trajectories.ledger import AHEAD, MOST_EVENTS, OUT_OF_ORDER, REPEATED, WAITING, Account, Event, Ledger
+from pushfric_core.trajectories.ledger import (
+    AHEAD,
+    MOST_EVENTS,
+    OUT_OF_ORDER,
+    REPEATED,
+    WAITING,
+    Account,
+    DoubtCode,
+    Event,
+    Ledger,
+    counted_of,
+)
 
 NANOSECONDS = 1e9
 
@@ -29,6 +40,25 @@ OUTLASTS = 10.0
 
 RECENT = 9
 """Number of steps whose median is the usual one: few enough to follow a stream that changes its rate."""
+
+EVEN = 0.1
+"""A stream is even if all but EXCEPTIONS of the recent steps differ from the usual one by at most this fraction."""
+
+EXCEPTIONS = 2
+
+LONG = 1.5
+"""A step of an even stream that is longer than this multiple of the usual one is a pause."""
+
+MOST_PAUSES = 10_000
+"""Pauses that a stream remembers."""
+
+
+class Pause(NamedTuple):
+    """A time without samples."""
+
+    before: int  # stamp of the last sample before it [ns]
+    after: int  # stamp of the first sample after it
+    lost: bool  # the stream is even, and the pause a whole number of steps: so samples were lost, and the source went on
 
 
 class Stamped(Protocol):
@@ -48,28 +78,35 @@ class Stream(Generic[Sample]):
 
     Args:
         one: what a sample is called, in words.
-        distinct: no two samples have the same stamp. Otherwise another one with the same stamp counts: a clock stood still.
+        distinct: no two samples have the same stamp, and they may come evenly, as a camera's. Otherwise another one with the
+            same stamp counts: a clock stood still.
     Attributes:
         account: of all samples; those that `take` returns are for the caller to end.
         events: the first MOST_EVENTS wild stamps and clocks that were set back.
         first, last: stamps of the first and the last sample that counts [ns]; None before.
-        leaps: the first MOST_EVENTS confirmed leaps, each from one stamp to another [ns].
+        pauses: the first MOST_PAUSES, in order of time.
     """
 
     def __init__(self, one: str, distinct: bool = True) -> None:
         self._one, self._distinct = one, distinct
         self.account = Account()
         self.events: list[Event] = []
-        self.leaps: list[tuple[int, int]] = []
+        self.pauses: list[Pause] = []
         self.first: int | None = None
         self.last: int | None = None
         self._newest: Sample | None = None  # that counts
         self._held: list[Sample] = []  # in order of time
         self._farthest = {AHEAD: 0, OUT_OF_ORDER: 0}  # how far a stamp was off, at most [ns]
+        self._since: dict[str, int] = {}  # when the first one was [ns]
         self._steps: deque[int] = deque(maxlen=RECENT)
         self._far = 0  # the longest step that is not a leap [ns]
         self._back = -1  # the last stamp that was left out as too early [ns]
         self._behind = 0  # how many such came in order up to it
+
+    @property
+    def usual(self) -> int:
+        """The usual step [ns]; 0 until there is one."""
+        return self._far // LEAP
 
     def close(self, ledger: Ledger, kind: str, until: int | None) -> None:
         """Enter the account and the events into a ledger, and what was left out as doubts.
@@ -89,14 +126,18 @@ class Stream(Generic[Sample]):
                 assert self.last is not None
                 leap = sample.stamp - self.last
                 self._farthest[AHEAD] = max(self._farthest[AHEAD], leap)
+                self._since.setdefault(AHEAD, self.last)
                 text = f"a {self._one} is stamped {seconds(leap)} ahead of the last one, and none follows"
                 events.append(Event(self.last, text))
         ledger.take({kind: account}, events)
-        for reason, how in ((AHEAD, "ahead of those that follow"), (OUT_OF_ORDER, "before those that came first")):
+        for reason, code, how in (
+            (AHEAD, DoubtCode.STAMPS_AHEAD, "ahead of those that follow"),
+            (OUT_OF_ORDER, DoubtCode.STAMPS_BEHIND, "before those that came first"),
+        ):
             if number := account.ended[reason]:
                 what, far = counted_of(number, account.received, kind), seconds(self._farthest[reason])
                 most = "up to " if number > 1 else ""
-                ledger.doubt(f"{what} stamped {most}{far} {how}, and left out")
+                ledger.doubt(code, f"{what} stamped {most}{far} {how}, and left out", self._since[reason])
 
     def take(self, sample: Sample) -> list[Sample]:
         """Take a sample, and return those that now count, in order of time."""
@@ -133,16 +174,24 @@ class Stream(Generic[Sample]):
         if self.last is None:
             self.first = stamp
         elif step := stamp - self.last:
-            if self._far < step and self._steps and len(self.leaps) < MOST_EVENTS:
-                self.leaps.append((self.last, stamp))
+            lost = self._distinct and LONG * self.usual < step and self._even(step)
+            if (lost or (self._far < step and self._steps)) and len(self.pauses) < MOST_PAUSES:
+                self.pauses.append(Pause(self.last, stamp, lost))
             self._steps.append(step)
             self._far = LEAP * sorted(self._steps)[(len(self._steps) - 1) // 2]
         self._newest, self.last = sample, stamp
+
+    def _even(self, step: int) -> bool:
+        """Whether the recent steps are alike, and this one is a multiple of them."""
+        usual = self.usual
+        odd = sum(abs(one - usual) > EVEN * usual for one in self._steps)
+        return len(self._steps) > EXCEPTIONS >= odd and abs(step - round(step / usual) * usual) <= EVEN * usual
 
     def _note_ahead(self, stamp: int, following: int) -> None:
         self.account.end(AHEAD)
         self._farthest[AHEAD] = max(self._farthest[AHEAD], stamp - following)
         where = following if self.last is None else self.last
+        self._since.setdefault(AHEAD, where)
         self._note(where, f"a {self._one} is stamped {seconds(stamp - following)} ahead of the next one and is left out")
 
     def _note_behind(self, stamp: int) -> None:
@@ -151,6 +200,7 @@ class Stream(Generic[Sample]):
         self._behind = self._behind + 1 if stamp > self._back else 1
         self._back = stamp
         self._farthest[OUT_OF_ORDER] = max(self._farthest[OUT_OF_ORDER], self.last - stamp)
+        self._since.setdefault(OUT_OF_ORDER, self.last)
         late = seconds(self.last - stamp)
         if self._behind == 1:
             self._note(self.last, f"a {self._one} is stamped {late} before the last one and is left out")
@@ -165,8 +215,3 @@ class Stream(Generic[Sample]):
 def seconds(duration: int) -> str:
     """A duration [ns] in words."""
     return f"{duration * 1e-9:.3f} s"
-
-
-def counted_of(number: int, total: int, kind: str) -> str:
-    """Some of a kind as the subject of a sentence, with its verb: 1 of 871 poses is."""
-    return f"{number} of {total} {kind} {'is' if number == 1 else 'are'}"

@@ -44,7 +44,7 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int
         model, settings, reading = _recorded(bag)
     except PushfricError as error:
         return [*said, f"the bag {bag} gives no estimate: {error}"]
-    said += reading.ledger.doubts
+    said += [one.text for one in reading.ledger.doubts]
     estimator = settings.new_estimator(model.support_points)
     # the node has reported the observations that it refused
     counts = (0, 0)

@@ -44,7 +44,9 @@ def replay(
     recorded = Recorded(bag, namespace)
     settings = recorded.settings
     reading = recorded.read(model, settings, warn, partial)
-    data, doubts = reading.observations, "; ".join(reading.ledger.doubts)
+    data, doubts = reading.observations, "; ".join(one.text for one in reading.ledger.doubts)
+    for remark in reading.ledger.remarks:
+        warn(f"{bag}: {remark.text}")
     source = recorded.source(settings.with_forces)
     model_file = str(beside(bag, PRIOR_FILE) or "")
     shown, images = view_at(view, ViewConfig()), f"{source.namespace}/{KEYFRAMES}"

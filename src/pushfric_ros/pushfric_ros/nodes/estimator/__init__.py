@@ -453,9 +453,10 @@ class EstimatorNode(Node):
 
     def _ledger(self) -> Ledger:
         """The account of every message so far."""
-        ledger = self._maker.ledger()
+        ledger = self._maker.ledger(ended=False)
         for kind, number in self._refused_messages.items():
             ledger.accounts[kind].enter(REFUSED, number)
+        ledger.doubt_refused()
         used = Counter(one.push_id for one in self._online.observations)
         made = Counter(one.push_id for one in self._made)
         ledger.settle(made, used, self._excluded, {one.push_id for one in self._verdict.rejected})
@@ -472,7 +473,10 @@ class EstimatorNode(Node):
                 "gap": solution.gap,
                 "status": estimate.status.value,
             }
-        values |= sums_in_words(self._ledger())
+        ledger = self._ledger()
+        values |= sums_in_words(ledger)
+        if ledger.lines:
+            values["doubts"] = "; ".join(ledger.lines)
         for event in sorted(set(self._maker.events) - self._noted):
             self.get_logger().warning(event.text)
         self._noted.update(self._maker.events)
@@ -491,6 +495,8 @@ class EstimatorNode(Node):
             return Health(Level.WARN, self._maker.contradiction, values)
         if (apart := self._maker.apart) is not None:
             return Health(Level.WARN, tip_stays_away(apart), values)
+        if ledger.doubts:
+            return Health(Level.WARN, ledger.doubts[-1].text, values)
         if not self._verdict.use:
             # nobody need act while the first pushes are made
             begun = [one.code for one in self._verdict.reasons] == [ReasonCode.FEW_PUSHES]
