@@ -33,20 +33,25 @@ def recover(path: PathLike, out: PathLike) -> Bag:
     lost, damage = [*damaged.lost], damaged.damage
     if damage is not None and damage.loses_messages:
         lost += [damaged.said, *damage.contradictions]
-    with BagWriter(out) as writer:
-        for name in (OBJECT_FILE, PRIOR_FILE):
-            if (kept := beside(damaged.path, name)) is not None:
-                with writer.writing():
-                    shutil.copyfile(kept, pathlib.Path(out) / name)
-        channels = {}
-        for topic in damaged.summary.topics:
-            text = topic.definition
-            channels[topic.name, topic.type_name] = writer.register(
-                topic.name, topic.type_name, topic.qos_profiles, topic.type_hash, text.encoding, text.text.encode()
-            )
-        for message in damaged.messages():
-            writer.append(channels[message.topic, message.type_name], message.log_time_ns, message.raw)
-        for key, texts in ((BEFORE, lost), (UNKNOWN_BEFORE, [*unknown, *damaged.notes])):
-            if texts:
-                writer.note(key, "; ".join(texts))
+    new = BagWriter(out)
+    try:
+        with new as writer:
+            for name in (OBJECT_FILE, PRIOR_FILE):
+                if (kept := beside(damaged.path, name)) is not None:
+                    with writer.writing():
+                        shutil.copyfile(kept, pathlib.Path(out) / name)
+            channels = {}
+            for topic in damaged.summary.topics:
+                text = topic.definition
+                channels[topic.name, topic.type_name] = writer.register(
+                    topic.name, topic.type_name, topic.qos_profiles, topic.type_hash, text.encoding, text.text.encode()
+                )
+            for message in damaged.messages():
+                writer.append(channels[message.topic, message.type_name], message.log_time_ns, message.raw)
+            for key, texts in ((BEFORE, lost), (UNKNOWN_BEFORE, [*unknown, *damaged.notes])):
+                if texts:
+                    writer.note(key, "; ".join(texts))
+    except BaseException:
+        shutil.rmtree(new.folder, ignore_errors=True)  # a part of what can be saved is of no use
+        raise
     return damaged
