@@ -496,7 +496,7 @@ class EstimatorNode(Node):
         if (apart := self._maker.apart) is not None:
             return Health(Level.WARN, tip_stays_away(apart), values)
         if ledger.doubts:
-            return Health(Level.WARN, ledger.doubts[-1].text, values)
+            return Health(Level.WARN, max(ledger.doubts, key=lambda one: one.stamp).text, values)
         if not self._verdict.use:
             # nobody need act while the first pushes are made
             begun = [one.code for one in self._verdict.reasons] == [ReasonCode.FEW_PUSHES]
