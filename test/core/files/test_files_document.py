@@ -69,7 +69,6 @@ def test_the_keys_of_an_estimate_are_documented(data):
 
 def test_the_keys_of_a_ledger_are_documented():
     ledger = Ledger()
-    ledger.event(0, "a clock jumped")
     ledger.accounts[POSES].enter(USED)
     for code in DoubtCode:
         ledger.doubt(code, "a push is missing")

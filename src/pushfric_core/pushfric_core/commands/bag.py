@@ -16,7 +16,7 @@ from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.errors import InvalidInput
-from pushfric_core.report.ledger import account, events, table
+from pushfric_core.report.ledger import account, table
 from pushfric_core.report.report import to_json
 from pushfric_core.trajectories.ledger import Doubt, DoubtCode, Ledger
 from pushfric_core.wording import counted
@@ -58,8 +58,6 @@ def info(bag: BagArgument, json: JsonOption = None) -> None:
             _show(line)
         for ledger in checked.ledgers.values():
             _show(table(ledger))
-            for line in events(ledger):
-                _show(line)
     _end(checked, json)
 
 

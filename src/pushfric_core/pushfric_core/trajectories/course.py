@@ -1,13 +1,13 @@
 """The pushes that a stream of pusher states tells of, and what it and the poses lack of them.
 
-Only stamps, ids, and where the tip was are needed. A pause of a stream is a doubt only where it lies in a push, because between
-pushes cameras are covered, and pushers at rest report seldom.
+Only stamps, ids, and where the tip was are needed. A pause of one stream is a doubt only where it lies in a push, because
+between pushes cameras are covered, and pushers at rest report seldom.
 """
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,6 +27,9 @@ RESTS = 0.001
 
 SILENT = 1.0
 """Pusher states may be missing for this long [s] within a push, because the tip moves evenly there."""
+
+COMMON = 2.0
+"""No push is shorter [s]: one may be missing where neither poses nor pusher states come for that long."""
 
 Observations = Callable[[int], int]
 """About how many observations a time [ns] of pushing gives."""
@@ -101,8 +104,11 @@ class Course:
 
         yield from self._of_poses(poses, config.longest_gap, observations, ended)
         yield from self._of_states(states, observations, ended)
+        pauses = _common(poses.pauses, states.pauses)
+        for begin, end in pauses:
+            yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
         if self.pushes and ended:
-            yield from self._of_ids(poses.pauses, states.pauses, observations, planned)
+            yield from self._of_ids(pauses, observations, planned)
         if poses.last > states.last + OUTLASTS * NANOSECONDS:
             text = f"the poses go on for {seconds(poses.last - states.last)} after the last pusher state"
             yield Doubt(DoubtCode.STATES_MISSING, text, states.last)
@@ -164,33 +170,28 @@ class Course:
             yield Doubt(DoubtCode.NO_END, text, last_state.stamp)
 
     def _of_ids(
-        self, poses: Iterable[Pause], states: Iterable[Pause], observations: Observations, planned: Planned | None
+        self, pauses: Sequence[tuple[int, int]], observations: Observations, planned: Planned | None
     ) -> Iterator[Doubt]:
-        """Pushes that no state tells of, although others have come."""
+        """Pushes that no state tells of, although others have come.
+
+        Where the streams begin while the tip rests, and pause only later, the first push need not be the first of a run.
+        """
         usual = int(np.median([one.last.stamp - one.first.stamp for one in self.pushes]))
         ids = [one.push_id for one in self.pushes]
-        is_open = self._begins_open(poses, states)
+        first, begin = self._first, self.pushes[0].first.stamp
+        is_open = first is not None and abs(first.speed) <= RESTS and not any(start < begin for start, _ in pauses)
         if is_open and ids[0] and (planned is None or planned.begin is None):
             yield Doubt(DoubtCode.BEGINS_LATE, f"the pusher states begin with {_named(ids[:1])}", self.pushes[0].first.stamp)
         for before, missing in missing_ids(ids, planned, is_open):
             stamp = max((one.last.stamp for one in self.pushes if one.push_id == before), default=self.pushes[0].first.stamp)
             yield missing_pushes(missing, stamp, observations(usual) * len(missing))
 
-    def _begins_open(self, poses: Iterable[Pause], states: Iterable[Pause]) -> bool:
-        """Whether the streams begin while the tip rests, and have no common pause before the first push.
 
-        Then an id of the first push that is not 0 says only that the streams begin later than the pushes.
-        """
-        first = self._first
-        if first is None or not self.pushes or abs(first.speed) > RESTS:
-            return False
-        until = self.pushes[0].first.stamp
-        return not any(
-            min(one.after, other.after, until) - max(one.before, other.before) > SILENT * NANOSECONDS
-            for one in poses
-            for other in states
-            if one.before < until and other.before < until
-        )
+def _common(poses: Iterable[Pause], states: Iterable[Pause]) -> list[tuple[int, int]]:
+    """The times [ns] in which neither stream has samples, long enough for a push."""
+    streams = ([one for one in pauses if one.after - one.before > COMMON * NANOSECONDS] for pauses in (poses, states))
+    both = ((max(one.before, other.before), min(one.after, other.after)) for one, other in product(*streams))
+    return [(begin, end) for begin, end in both if end - begin > COMMON * NANOSECONDS]
 
 
 def missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool) -> Iterator[tuple[int, list[int]]]:

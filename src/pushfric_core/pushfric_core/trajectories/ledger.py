@@ -1,11 +1,11 @@
 """The ledger: every message that came in ends in exactly one account, which says what became of it.
 
-Accounts are counts, so a ledger stays small however long a run is. What happened to a stream as a whole is an event, with its
-time. What does not add up is a doubt: observations may be missing, or may not be what happened.
+Accounts are counts, so a ledger stays small however long a run is. What does not add up is a doubt: observations may be
+missing, or may not be what happened.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum, auto
 from typing import NamedTuple
@@ -55,16 +55,6 @@ REASONS = {
 LOST = frozenset((AHEAD, OUT_OF_ORDER, REFUSED, FOREIGN))
 """Accounts that stay empty in a sound run. A message in one of them is a doubt."""
 
-MOST_EVENTS = 100
-"""Events that a ledger keeps; it counts the others."""
-
-
-class Event(NamedTuple):
-    """Something that happened to a stream."""
-
-    stamp: int  # when [ns]
-    text: str  # a sentence with numbers
-
 
 class DoubtCode(StrEnum):
     """Codes of doubts."""
@@ -78,6 +68,7 @@ class DoubtCode(StrEnum):
     POSES_MISSING = auto()
     POSES_DROPPED = auto()
     STATES_MISSING = auto()
+    BOTH_MISSING = auto()
     CLOCKS_STEP = auto()
 
     # the pushes
@@ -142,29 +133,18 @@ class Account:
 
 
 class Ledger:
-    """The accounts of one run or bag, its events, and what does not add up.
+    """The accounts of one run or bag, and what does not add up.
 
     Attributes:
         accounts: by kind.
-        events: the first MOST_EVENTS, in the order in which they were noticed.
-        more_events: number of all others.
         doubts: what does not add up, each once.
         remarks: doubts with one of the codes REMARKS: nothing need be wrong, but nor is it known that nothing is missing.
     """
 
     def __init__(self) -> None:
         self.accounts = {kind: Account() for kind in KINDS}
-        self.events: list[Event] = []
-        self.more_events = 0
         self.doubts: list[Doubt] = []
         self.remarks: list[Doubt] = []
-
-    def event(self, stamp: int, text: str) -> None:
-        """Note what happened to a stream at a time [ns]."""
-        if len(self.events) < MOST_EVENTS:
-            self.events.append(Event(stamp, text))
-        else:
-            self.more_events += 1
 
     def doubt(self, code: DoubtCode, text: str, stamp: int = 0, lost: int | None = None) -> None:
         """Note what does not add up, as `Doubt`, or remark it."""
@@ -184,17 +164,10 @@ class Ledger:
                 text = f"{counted_of(number, account.received, kind)} refused: the values are impossible"
                 self.doubt(DoubtCode.VALUES_REFUSED, text)
 
-    def take(self, accounts: Mapping[str, Account], events: Iterable[Event] = ()) -> None:
-        """Take over accounts that were kept elsewhere, and events."""
-        for kind, account in accounts.items():
-            self.accounts[kind].add(account)
-        for event in events:
-            self.event(*event)
-
     def absorb(self, other: "Ledger") -> None:
         """Take over all that another ledger holds."""
-        self.take(other.accounts, other.events)
-        self.more_events += other.more_events
+        for kind, account in other.accounts.items():
+            self.accounts[kind].add(account)
         for doubt in (*other.doubts, *other.remarks):
             self.doubt(*doubt)
 

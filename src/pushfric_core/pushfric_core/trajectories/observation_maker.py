@@ -2,7 +2,7 @@
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.trajectories.course import Planned
-from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Event, Ledger
+from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
 from pushfric_core.trajectories.trajectory import Apart, PoseSample, PusherSample, Trajectory, TrajectoryConfig
@@ -47,11 +47,6 @@ class ObservationMaker:
     def skew(self) -> float:
         """As `Trajectory.skew`."""
         return self._trajectory.skew
-
-    @property
-    def events(self) -> list[Event]:
-        """Wild stamps and clocks that went back, so far."""
-        return self._trajectory.events + ([] if self._forces is None else self._forces.events)
 
     def ledger(self, planned: Planned | None = None, ended: bool = True) -> Ledger:
         """The account of all samples so far, as `Trajectory.ledger`. Observations that were made have no end here."""

@@ -16,13 +16,11 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 from pushfric_core.trajectories.ledger import (
     AHEAD,
-    MOST_EVENTS,
     OUT_OF_ORDER,
     REPEATED,
     WAITING,
     Account,
     DoubtCode,
-    Event,
     Ledger,
     counted_of,
 )
@@ -77,20 +75,17 @@ class Stream(Generic[Sample]):
     """Holds back samples that may be wild, and counts what is left out.
 
     Args:
-        one: what a sample is called, in words.
         distinct: no two samples have the same stamp, and they may come evenly, as a camera's. Otherwise another one with the
             same stamp counts: a clock stood still.
     Attributes:
         account: of all samples; those that `take` returns are for the caller to end.
-        events: the first MOST_EVENTS wild stamps and clocks that were set back.
         first, last: stamps of the first and the last sample that counts [ns]; None before.
         pauses: the first MOST_PAUSES, in order of time.
     """
 
-    def __init__(self, one: str, distinct: bool = True) -> None:
-        self._one, self._distinct = one, distinct
+    def __init__(self, distinct: bool = True) -> None:
+        self._distinct = distinct
         self.account = Account()
-        self.events: list[Event] = []
         self.pauses: list[Pause] = []
         self.first: int | None = None
         self.last: int | None = None
@@ -100,8 +95,6 @@ class Stream(Generic[Sample]):
         self._since: dict[str, int] = {}  # when the first one was [ns]
         self._steps: deque[int] = deque(maxlen=RECENT)
         self._far = 0  # the longest step that is not a leap [ns]
-        self._back = -1  # the last stamp that was left out as too early [ns]
-        self._behind = 0  # how many such came in order up to it
 
     @property
     def usual(self) -> int:
@@ -109,7 +102,7 @@ class Stream(Generic[Sample]):
         return self._far // LEAP
 
     def close(self, ledger: Ledger, kind: str, until: int | None) -> None:
-        """Enter the account and the events into a ledger, and what was left out as doubts.
+        """Enter the account into a ledger, and what was left out as doubts.
 
         Args:
             ledger: the ledger.
@@ -118,18 +111,13 @@ class Stream(Generic[Sample]):
                 wild.
         """
         account = Account(self.account.received, self.account.ended.copy())
-        events = list(self.events)
         for sample in self._held:
             wild = until is not None and self.last is not None and sample.stamp > until + OUTLASTS * NANOSECONDS
             account.end(AHEAD if wild else WAITING)
             if wild:
                 assert self.last is not None
-                leap = sample.stamp - self.last
-                self._farthest[AHEAD] = max(self._farthest[AHEAD], leap)
-                self._since.setdefault(AHEAD, self.last)
-                text = f"a {self._one} is stamped {seconds(leap)} ahead of the last one, and none follows"
-                events.append(Event(self.last, text))
-        ledger.take({kind: account}, events)
+                self._note(AHEAD, sample.stamp - self.last, self.last)
+        ledger.accounts[kind].add(account)
         for reason, code, how in (
             (AHEAD, DoubtCode.STAMPS_AHEAD, "ahead of those that follow"),
             (OUT_OF_ORDER, DoubtCode.STAMPS_BEHIND, "before those that came first"),
@@ -148,11 +136,12 @@ class Stream(Generic[Sample]):
                 self.account.end(REPEATED)
                 return []
             if stamp < self.last:
-                self._note_behind(stamp)
+                self.account.end(OUT_OF_ORDER)
+                self._note(OUT_OF_ORDER, self.last - stamp, self.last)
                 return []
-        self._behind = 0
         while held and held[-1].stamp > stamp:
-            self._note_ahead(held.pop().stamp, stamp)
+            self.account.end(AHEAD)
+            self._note(AHEAD, held.pop().stamp - stamp, stamp if self.last is None else self.last)
         if held and self._repeats(sample, held[-1]):
             self.account.end(REPEATED)
             return []
@@ -187,29 +176,10 @@ class Stream(Generic[Sample]):
         odd = sum(abs(one - usual) > EVEN * usual for one in self._steps)
         return len(self._steps) > EXCEPTIONS >= odd and abs(step - round(step / usual) * usual) <= EVEN * usual
 
-    def _note_ahead(self, stamp: int, following: int) -> None:
-        self.account.end(AHEAD)
-        self._farthest[AHEAD] = max(self._farthest[AHEAD], stamp - following)
-        where = following if self.last is None else self.last
-        self._since.setdefault(AHEAD, where)
-        self._note(where, f"a {self._one} is stamped {seconds(stamp - following)} ahead of the next one and is left out")
-
-    def _note_behind(self, stamp: int) -> None:
-        assert self.last is not None
-        self.account.end(OUT_OF_ORDER)
-        self._behind = self._behind + 1 if stamp > self._back else 1
-        self._back = stamp
-        self._farthest[OUT_OF_ORDER] = max(self._farthest[OUT_OF_ORDER], self.last - stamp)
-        self._since.setdefault(OUT_OF_ORDER, self.last)
-        late = seconds(self.last - stamp)
-        if self._behind == 1:
-            self._note(self.last, f"a {self._one} is stamped {late} before the last one and is left out")
-        elif self._behind == CONFIRMED:
-            self._note(self.last, f"the clock of the {self._one}s went back by {late}; they are left out meanwhile")
-
-    def _note(self, stamp: int, text: str) -> None:
-        if len(self.events) < MOST_EVENTS:
-            self.events.append(Event(stamp, text))
+    def _note(self, reason: str, off: int, stamp: int) -> None:
+        """Note that a stamp is off by so much, at a time [ns]."""
+        self._farthest[reason] = max(self._farthest[reason], off)
+        self._since.setdefault(reason, stamp)
 
 
 def seconds(duration: int) -> str:

@@ -41,7 +41,6 @@ from pushfric_core.trajectories.ledger import (
     TOO_FEW,
     USED,
     DoubtCode,
-    Event,
     Ledger,
 )
 from pushfric_core.trajectories.observation import Observation
@@ -180,8 +179,8 @@ class Trajectory:
         self.config = config or TrajectoryConfig()
         self._reach = float(np.hypot(*outline.vertices.T).max())  # of the corners from the origin [m]
         self._margin = self.config.window // 2 + 1  # frames needed on either side: half a window, and a neighbour
-        self._poses: Stream[PoseSample] = Stream("pose")
-        self._states: Stream[PusherSample] = Stream("pusher state", distinct=False)
+        self._poses: Stream[PoseSample] = Stream()
+        self._states: Stream[PusherSample] = Stream(distinct=False)
         self._waiting: deque[PoseSample] = deque()  # frames for which no later pusher state is known yet
         self._pushers: deque[PusherSample] = deque()  # from the last judged frame on
         self._course = Course()
@@ -231,11 +230,6 @@ class Trajectory:
         """How far the stamps of the poses are ahead of those of the pusher states [s]; 0 until both have come."""
         pose, state = self._poses.last, self._states.last
         return 0.0 if pose is None or state is None else (pose - state) / NANOSECONDS
-
-    @property
-    def events(self) -> list[Event]:
-        """Wild stamps and clocks that went back, so far."""
-        return self._poses.events + self._states.events
 
     def ledger(self, planned: Planned | None = None, ended: bool = True) -> Ledger:
         """The account of all samples so far, if no more were to follow, and what the streams lack.
