@@ -83,7 +83,7 @@ class DoubtCode(StrEnum):
 
     # what the run recorded about itself
     PLAN_UNFINISHED = auto()
-    PLAN_BROKEN = auto()
+    NO_OBSERVATIONS = auto()
     RUN_DIFFERS = auto()
 
 
