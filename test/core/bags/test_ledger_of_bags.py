@@ -202,6 +202,15 @@ def test_only_what_is_proven_is_called_whole(recording, tmp_path):
         assert (run.exit_code, remark in " ".join(run.stderr.split())) == (0, True)
 
 
+def test_single_frames_are_a_doubt_where_they_cost_observations(recording, whole, tmp_path):
+    out = set(recording.numbers(POSE)[::20])
+    bag = recording.write_elsewhere(tmp_path / "bag", [m for n, m in enumerate(recording.messages) if n not in out])
+    reading, _ = reading_of(bag)
+    (doubt,) = reading.ledger.doubts
+    fewer = len(whole[0].observations) - len(reading.observations)
+    assert (doubt.code, 1 <= doubt.lost <= fewer + 3) == (DoubtCode.POSES_DROPPED, True)
+
+
 @pytest.mark.parametrize("offset", [0.06, -0.06])
 def test_clocks_that_step_against_each_other_are_a_doubt(recording, tmp_path, offset):
     bag = recording.write_elsewhere(tmp_path / "bag", wild(recording, POSE, slice(435, None), round(offset * SECOND)))

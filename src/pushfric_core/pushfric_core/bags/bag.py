@@ -82,6 +82,7 @@ class Bag:
         files: that it consists of.
         summary: what can be read.
         damage: what is wrong; None if the bag is whole.
+        numbered: whether its recorder numbered the messages of every topic.
         proven: whether the bag shows that it holds every message that its recorder took: nothing is damaged, all are counted
             and numbered, and nothing was lost before.
         notes: what cannot be known; not damage.
@@ -106,8 +107,8 @@ class Bag:
             for key in (BEFORE, UNKNOWN_BEFORE)
         )
         self.notes = (*found.notes, *(f"was recovered; before that, {text}" for text in unknown))
-        numbered = all(file.counts.keys() <= file.first_numbers.keys() for file in self._files)
-        self.proven = numbered and metadata is not None and not (self.damage or self.notes or self.lost)
+        self.numbered = all(file.counts.keys() <= file.first_numbers.keys() for file in self._files)
+        self.proven = self.numbered and metadata is not None and not (self.damage or self.notes or self.lost)
         self._decoders: dict[str, Decoder] = {}
         self._definitions = {topic.type_name: topic.definition for topic in self.summary.topics}
 

@@ -346,7 +346,7 @@ def _from_poses(
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
             ledger.accounts[kind or OBSERVATIONS].enter(REFUSED)
-    ledger.absorb(maker.ledger(record.planned))
+    ledger.absorb(maker.ledger(record.planned, bag.numbered))
     if maker.apart is not None:
         warn(f"{bag.path}: {tip_stays_away(maker.apart)}")
     if maker.waiting:

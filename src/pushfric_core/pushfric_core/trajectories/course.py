@@ -86,6 +86,7 @@ class Course:
         states: "Stream[PusherSample]",
         config: "TrajectoryConfig",
         planned: Planned | None,
+        numbered: bool,
         ended: bool,
     ) -> Iterator[Doubt]:
         """Doubts about what the streams lack of the pushes.
@@ -94,6 +95,7 @@ class Course:
             poses, states: the streams.
             config: how poses become observations.
             planned: the plan, if it is known.
+            numbered: numbers show that no message is missing: then the camera has dropped what is.
             ended: no more samples follow. Until then, ids are not judged either: the plan may leave pushes out.
         """
         if poses.last is None or states.last is None:
@@ -102,7 +104,7 @@ class Course:
         def observations(time: int) -> int:
             return max(1, round(time / (poses.usual * config.stride))) if poses.usual else 1
 
-        yield from self._of_poses(poses, config.longest_gap, observations, ended)
+        yield from self._of_poses(poses, config, observations, numbered, ended)
         yield from self._of_states(states, observations, ended)
         pauses = _common(poses.pauses, states.pauses)
         for begin, end in pauses:
@@ -114,17 +116,17 @@ class Course:
             yield Doubt(DoubtCode.STATES_MISSING, text, states.last)
 
     def _of_poses(
-        self, stream: "Stream[PoseSample]", longest_gap: float, observations: Observations, ended: bool
+        self, stream: "Stream[PoseSample]", config: "TrajectoryConfig", observations: Observations, numbered: bool, ended: bool
     ) -> Iterator[Doubt]:
         """Where no pose came for a part of a push."""
         assert stream.first is not None
         assert stream.last is not None
-        pauses = [Pause(-(2**63), stream.first, False), *stream.pauses]
-        pauses += [Pause(stream.last, 2**63, False)] if ended else []
+        pauses = [Pause(-(2**63), stream.first, stream.even), *stream.pauses]
+        pauses += [Pause(stream.last, 2**63, stream.even)] if ended else []
         begins, ends = [one.first.stamp for one in self.pushes], [one.last.stamp for one in self.pushes]
         dropped, since = 0, 0
         for before, after, lost in pauses:
-            limit = (LEAP + 0.5) * stream.usual if lost else longest_gap * NANOSECONDS
+            limit = (LEAP + 0.5) * stream.usual if lost else config.longest_gap * NANOSECONDS
             touched = self.pushes[bisect_right(ends, before) : bisect_left(begins, after)]
             times = [min(after, one.last.stamp) - max(before, one.first.stamp) for one in touched]
             unseen = [(one.push_id, time) for one, time in zip(touched, times, strict=True) if time > limit]
@@ -134,10 +136,10 @@ class Course:
                 stamp = max(before, touched[0].first.stamp)
                 yield Doubt(DoubtCode.POSES_MISSING, text, stamp, sum(observations(time) for _, time in unseen))
             elif lost and touched:
-                dropped, since = dropped + round(max(times) / stream.usual) - 1, since or before
-        if dropped > 0:
+                dropped, since = dropped + max(0, round(max(times) / stream.usual) - 1), since or before
+        if dropped:
             text = f"{counted(dropped, 'pose')} of pushes did not come, one or two at a time, as when a camera drops frames"
-            yield Doubt(DoubtCode.POSES_DROPPED, text, since)
+            yield Doubt(DoubtCode.POSES_DROPPED, text, since, 0 if numbered else dropped // config.stride)
 
     def _of_states(self, stream: "Stream[PusherSample]", observations: Observations, ended: bool) -> Iterator[Doubt]:
         """Pushes whose beginning or end no state shows, and those with a pause."""

@@ -138,7 +138,7 @@ class Ledger:
     Attributes:
         accounts: by kind.
         doubts: what does not add up, each once.
-        remarks: doubts with one of the codes REMARKS: nothing need be wrong, but nor is it known that nothing is missing.
+        remarks: doubts with one of the codes REMARKS that cost nothing: all may be as it should, but that is not known.
     """
 
     def __init__(self) -> None:
@@ -148,7 +148,7 @@ class Ledger:
 
     def doubt(self, code: DoubtCode, text: str, stamp: int = 0, lost: int | None = None) -> None:
         """Note what does not add up, as `Doubt`, or remark it."""
-        noted = self.remarks if code in REMARKS else self.doubts
+        noted = self.remarks if code in REMARKS and not lost else self.doubts
         if (one := Doubt(code, text, stamp, lost)) not in noted:
             noted.append(one)
 

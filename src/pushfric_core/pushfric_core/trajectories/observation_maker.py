@@ -48,9 +48,9 @@ class ObservationMaker:
         """As `Trajectory.skew`."""
         return self._trajectory.skew
 
-    def ledger(self, planned: Planned | None = None, ended: bool = True) -> Ledger:
+    def ledger(self, planned: Planned | None = None, numbered: bool = True, ended: bool = True) -> Ledger:
         """The account of all samples so far, as `Trajectory.ledger`. Observations that were made have no end here."""
-        ledger = self._trajectory.ledger(planned, ended)
+        ledger = self._trajectory.ledger(planned, numbered, ended)
         if self._forces is not None:
             self._forces.enter(ledger, self._trajectory.settled)
             ledger.accounts[OBSERVATIONS].enter(WAITING, self._forces.waiting)

@@ -101,6 +101,12 @@ class Stream(Generic[Sample]):
         """The usual step [ns]; 0 until there is one."""
         return self._far // LEAP
 
+    @property
+    def even(self) -> bool:
+        """Whether the recent steps are alike."""
+        odd = sum(abs(one - self.usual) > EVEN * self.usual for one in self._steps)
+        return len(self._steps) > EXCEPTIONS >= odd
+
     def close(self, ledger: Ledger, kind: str, until: int | None) -> None:
         """Enter the account into a ledger, and what was left out as doubts.
 
@@ -163,18 +169,13 @@ class Stream(Generic[Sample]):
         if self.last is None:
             self.first = stamp
         elif step := stamp - self.last:
-            lost = self._distinct and LONG * self.usual < step and self._even(step)
+            whole = abs(step - round(step / (self.usual or step)) * self.usual) <= EVEN * self.usual
+            lost = self._distinct and LONG * self.usual < step and whole and self.even
             if (lost or (self._far < step and self._steps)) and len(self.pauses) < MOST_PAUSES:
                 self.pauses.append(Pause(self.last, stamp, lost))
             self._steps.append(step)
             self._far = LEAP * sorted(self._steps)[(len(self._steps) - 1) // 2]
         self._newest, self.last = sample, stamp
-
-    def _even(self, step: int) -> bool:
-        """Whether the recent steps are alike, and this one is a multiple of them."""
-        usual = self.usual
-        odd = sum(abs(one - usual) > EVEN * usual for one in self._steps)
-        return len(self._steps) > EXCEPTIONS >= odd and abs(step - round(step / usual) * usual) <= EVEN * usual
 
     def _note(self, reason: str, off: int, stamp: int) -> None:
         """Note that a stamp is off by so much, at a time [ns]."""

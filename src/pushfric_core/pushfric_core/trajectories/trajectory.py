@@ -231,11 +231,12 @@ class Trajectory:
         pose, state = self._poses.last, self._states.last
         return 0.0 if pose is None or state is None else (pose - state) / NANOSECONDS
 
-    def ledger(self, planned: Planned | None = None, ended: bool = True) -> Ledger:
+    def ledger(self, planned: Planned | None = None, numbered: bool = True, ended: bool = True) -> Ledger:
         """The account of all samples so far, if no more were to follow, and what the streams lack.
 
         Args:
             planned: the plan of the pushes, if it is known.
+            numbered: numbers show that no message is missing.
             ended: no more samples follow, so that what they end with is the end.
         """
         ledger = Ledger()
@@ -246,7 +247,7 @@ class Trajectory:
         poses.end(TOO_FEW, max(0, len(self._run) - self._entered))
         for number, state in enumerate(self._pushers):
             states.end(self._fate_of(state, number < self._partners, math.inf))
-        for doubt in self._course.doubts(self._poses, self._states, self.config, planned, ended):
+        for doubt in self._course.doubts(self._poses, self._states, self.config, planned, numbered, ended):
             ledger.doubt(*doubt)
         if (step := clock_step(*self._delays)) is not None:
             late = "later" if step.size > 0 else "earlier"
