@@ -170,6 +170,9 @@ def test_pushes_that_are_missing_are_named_by_every_door(recording, whole, tmp_p
         run = invoked(*command, bag, "--json", *(["--ledger", tmp_path / "ledger.json"] if command == ["estimate"] else []))
         told = json.loads(run.stdout)
         assert told.get("ledger", told)["doubts"] == expected
+    run = invoked("region", bag)
+    assert (run.exit_code, said in " ".join(run.stderr.split())) == (1, True)
+    assert invoked("region", bag, "--partial").exit_code == 0
     with pytest.warns(UserWarning, match=said):
         load(bag)
     run = invoked("report", bag, "--html", tmp_path / "report.html")

@@ -28,7 +28,6 @@ from pushfric_core.files.model_file import prior
 from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE, ObjectModel, load_object
 from pushfric_core.files.observation_file import read_observations
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.trajectories.course import missing_ids, missing_pushes
 from pushfric_core.trajectories.ledger import (
     FOREIGN,
     OBSERVATIONS,
@@ -172,7 +171,7 @@ class Recorded:
         Args:
             model: the object.
             settings: how poses become observations, which pushes are left out, and whether forces are needed.
-            warn: called with a line for each message that is refused, and one for a damaged bag.
+            warn: called with a line for each message that is refused, each doubt and remark, and one for a damaged bag.
             partial: accept a bag from which messages are missing.
         Raises:
             InvalidInput: the file cannot be read, or does not contain the observations that are needed.
@@ -195,6 +194,8 @@ class Recorded:
         for push_id in settings.excluded:
             if all(observation.push_id != push_id for observation in found):
                 raise InvalidInput(f"{path}: no observation of push {push_id}, which is to be left out")
+        for line in ledger.lines:
+            warn(f"{path}: {line}")
         reading = Reading(found, settings.excluded, ledger, record)
         if settings.with_forces and all(observation.force is None for observation in reading.observations):
             raise InvalidInput(f"{path}: no observation has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
@@ -356,7 +357,6 @@ def _from_poses(
 def _recorded(
     bag: "Bag", source: ObservationSource, outline: Outline, _: TrajectoryConfig, ledger: Ledger, record: RunRecord, warn: Warn
 ) -> Iterator[Observation]:
-    ids: dict[int, int] = {}  # of the pushes, in order, with the stamp of their last observation [ns]
     for message in bag.messages((*source.topics, *record.topics)):
         if message.topic in record.topics:
             record.take(message)
@@ -369,7 +369,4 @@ def _recorded(
             warn(f"{message.topic} refused: {error}")
             ledger.accounts[OBSERVATIONS].enter(REFUSED)
         else:
-            ids[observation.push_id] = observation.stamp
             yield observation
-    for before, missing in missing_ids(list(ids), record.planned, begins_open=True) if ids else ():
-        ledger.doubt(*missing_pushes(missing, ids.get(before, 0), None))

@@ -184,9 +184,10 @@ class Course:
         is_open = first is not None and abs(first.speed) <= RESTS and not any(start < begin for start, _ in pauses)
         if is_open and ids[0] and (planned is None or planned.begin is None):
             yield Doubt(DoubtCode.BEGINS_LATE, f"the pusher states begin with {_named(ids[:1])}", self.pushes[0].first.stamp)
-        for before, missing in missing_ids(ids, planned, is_open):
+        for before, missing in _missing_ids(ids, planned, is_open):
             stamp = max((one.last.stamp for one in self.pushes if one.push_id == before), default=self.pushes[0].first.stamp)
-            yield missing_pushes(missing, stamp, observations(usual) * len(missing))
+            text = f"{_named(missing)} {'is' if len(missing) == 1 else 'are'} missing: the ids of the pushes jump"
+            yield Doubt(DoubtCode.PUSHES_MISSING, text, stamp, observations(usual) * len(missing))
 
 
 def _common(poses: Iterable[Pause], states: Iterable[Pause]) -> list[tuple[int, int]]:
@@ -196,7 +197,7 @@ def _common(poses: Iterable[Pause], states: Iterable[Pause]) -> list[tuple[int, 
     return [(begin, end) for begin, end in both if end - begin > COMMON * NANOSECONDS]
 
 
-def missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool) -> Iterator[tuple[int, list[int]]]:
+def _missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool) -> Iterator[tuple[int, list[int]]]:
     """The ids that are missing from those of some pushes, each time with the one before them.
 
     The id of a repeated push grows by the number of the plan's pushes, so that smaller ones follow. Where none follows, and the
@@ -227,12 +228,6 @@ def missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool) 
             repeated = planned is None and after == run[-1] and before > 0 and (after - before) % (before + 1) == 0
             if missing and not repeated:
                 yield before, missing
-
-
-def missing_pushes(ids: Collection[int], stamp: int, lost: int | None) -> Doubt:
-    """The doubt that pushes with these ids are missing since a time [ns], which costs about so many observations."""
-    verb = "is" if len(ids) == 1 else "are"
-    return Doubt(DoubtCode.PUSHES_MISSING, f"{_named(ids)} {verb} missing: the ids of the pushes jump", stamp, lost)
 
 
 def _named(ids: Collection[int]) -> str:

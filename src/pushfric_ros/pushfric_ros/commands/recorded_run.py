@@ -106,4 +106,4 @@ def _recorded(bag: pathlib.Path) -> "tuple[ObjectModel, EstimatorSettings, Readi
     from pushfric_core.bags.recorded import Recorded  # not before the run has ended: it would hold 10 MB meanwhile
 
     model, recorded = load_object(str(bag / OBJECT_FILE)), Recorded(bag)
-    return model, recorded.settings, recorded.read(model, recorded.settings, warn)
+    return model, recorded.settings, recorded.read(model, recorded.settings, lambda _: None)
