@@ -110,6 +110,8 @@ class Course:
         for begin, end in pauses:
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
         if self.pushes and ended:
+            alone = [(poses.first or 0, states.first or 0)]  # poses that came before the states tell of pushes, too
+            pauses += [one for one in alone if one[1] - one[0] > SILENT * NANOSECONDS]
             yield from self._of_ids(pauses, observations, planned)
         if poses.last > states.last + OUTLASTS * NANOSECONDS:
             text = f"the poses go on for {seconds(poses.last - states.last)} after the last pusher state"
@@ -176,7 +178,7 @@ class Course:
     ) -> Iterator[Doubt]:
         """Pushes that no state tells of, although others have come.
 
-        Where the streams begin while the tip rests, and pause only later, the first push need not be the first of a run.
+        Where the streams begin together while the tip rests, and pause only later, the first push need not be that of a run.
         """
         usual = int(np.median([one.last.stamp - one.first.stamp for one in self.pushes]))
         ids = [one.push_id for one in self.pushes]
