@@ -245,9 +245,9 @@ def _check(path: pathlib.Path, messages: Sequence[BagMessage], case: str, folder
     bag = Bag(path)
     read = _content(bag)
     if intact and bag.damage is not None:
-        raise Silent(f"{case}: a whole bag is said to be damaged: {bag.doubts}")
-    if true - read and not (bag.notes or (bag.damage is not None and bag.damage.loses_messages)):
-        raise Silent(f"{case}: {sum((true - read).values())} messages vanish: {bag.doubts}")
+        raise Silent(f"{case}: a whole bag is said to be damaged: {bag.damage}")
+    if true - read and not (bag.notes or bag.lost or (bag.damage is not None and bag.damage.loses_messages)):
+        raise Silent(f"{case}: {sum((true - read).values())} messages vanish: {bag.damage}")
     if read != true and bag.damage is None and not bag.notes:
         raise Silent(f"{case}: what is read is not what was recorded")
     shutil.rmtree(folder / "out", ignore_errors=True)
@@ -255,5 +255,5 @@ def _check(path: pathlib.Path, messages: Sequence[BagMessage], case: str, folder
     saved = Bag(folder / "out")
     if _content(saved) != read:
         raise Silent(f"{case}: what is recovered is not what is read")
-    if saved.damage is None and not saved.notes and read != true:
+    if saved.damage is None and not (saved.notes or saved.lost) and read != true:
         raise Silent(f"{case}: what is recovered is not what was recorded")

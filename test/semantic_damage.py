@@ -3,14 +3,16 @@
 import copy
 import pathlib
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.contents import BagMessage
+from pushfric_core.bags.message_types import known_types
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_ros.messages.conversions import stamp_to_msg
 
@@ -68,6 +70,23 @@ class Recording:
         shutil.copy(self.path / "object.yaml", folder)
         return folder
 
+    def write_elsewhere(self, folder: pathlib.Path, messages: Messages) -> pathlib.Path:
+        """A new bag as another recorder writes it, with poses and pusher states alone, and without numbers."""
+        with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            types = {message.topic: message.type_name for message in self.messages if message.topic in STREAMS}
+            connections = {topic: writer.add_connection(topic, name, typestore=known_types()) for topic, name in types.items()}
+            for message in messages:
+                if message.topic in STREAMS:
+                    writer.write(connections[message.topic], message.log_time_ns, message.raw)
+        shutil.copy(self.path / "object.yaml", folder)
+        return folder
+
+    def span_of(self, push_id: int) -> tuple[int, int]:
+        """The log times of the first and the last pusher state of a push [ns]."""
+        states = (message for message in self.messages if message.topic == STREAMS[1])
+        times = [state.log_time_ns for state in states if self._bag.deserialize(state).push_id == push_id]
+        return times[0], times[-1]
+
 
 def _stream(rng: np.random.Generator) -> str:
     return STREAMS[int(rng.integers(2))]
@@ -122,6 +141,37 @@ def missing_stretch(bag: Recording, rng: np.random.Generator) -> tuple[str, Mess
     return f"{topic or 'everything'} missing {_span(begin, end, bag)}", kept
 
 
+def missing_pushes(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
+    """All messages of one to four pushes are missing, and up to a second around them."""
+    first, count = int(rng.integers(9)), int(rng.integers(1, 5))
+    begin, end = bag.span_of(first)[0], bag.span_of(first + count - 1)[1]
+    around = [int(side * SECOND) for side in rng.uniform(0, 0.8, 2)]
+    kept = [m for m in bag.messages if not begin - around[0] <= m.log_time_ns <= end + around[1]]
+    return f"pushes {first} to {first + count - 1} missing, and {around} ns around them", kept
+
+
+def cut_short(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
+    """The recording ends or begins within a push."""
+    push, late = int(rng.integers(1, 13)), bool(rng.integers(2))
+    begin, end = bag.span_of(push)
+    at = int(rng.integers(begin + SECOND // 2, end - SECOND // 4))
+    kept = [m for m in bag.messages if (m.log_time_ns < at) != late]
+    return f"{'begins' if late else 'ends'} within push {push}", kept
+
+
+def clock_step(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
+    """The stamps of a stream from some message on are moved by 45 to 400 ms."""
+    topic = _stream(rng)
+    numbers = bag.numbers(topic)
+    first = int(rng.choice(numbers[len(numbers) // 8 : -len(numbers) // 8]))
+    offset = int(rng.choice((-1, 1)) * rng.uniform(0.045, 0.4) * SECOND)
+    messages = [
+        bag.stamped(message, offset) if number >= first and message.topic == topic else message
+        for number, message in enumerate(bag.messages)
+    ]
+    return f"{topic} off by {offset} ns from {first} on", messages
+
+
 def missing_messages(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
     """Some single messages of the streams are missing."""
     topic = _stream(rng)
@@ -155,19 +205,23 @@ def other_values(bag: Recording, rng: np.random.Generator) -> tuple[str, Message
     return f"{count} poses from {first} on {off * 1e3:.1f} mm off", messages
 
 
-DAMAGES: tuple[Damage, ...] = (
+STREAM_DAMAGES: tuple[Damage, ...] = (
     wild_stamps,
     another_clock,
     stopped_stream,
     missing_stretch,
-    missing_messages,
     doubled_stretch,
-    other_values,
+    missing_pushes,
+    cut_short,
+    clock_step,
 )
+"""Damages that the streams themselves show, whatever recorded them."""
+
+DAMAGES: tuple[Damage, ...] = (*STREAM_DAMAGES, missing_messages, other_values)
 
 
-def damaged(bag: Recording, seed: int) -> tuple[str, Messages]:
+def damaged(bag: Recording, seed: int, kinds: Sequence[Damage] = DAMAGES) -> tuple[str, Messages]:
     """What was done to the bag, in words, and its messages: each kind of damage in turn, with other numbers for each seed."""
-    kind = DAMAGES[seed % len(DAMAGES)]
+    kind = kinds[seed % len(kinds)]
     said, messages = kind(bag, np.random.default_rng(seed))
     return f"{seed}: {kind.__name__}: {said}", messages

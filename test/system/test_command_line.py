@@ -5,16 +5,13 @@ import os
 import pathlib
 import re
 import shutil
-import signal
 import subprocess
 import sys
 from typing import NamedTuple
 
 import pytest
-from calls import PROGRAM, pushfric
+from calls import pushfric
 
-from bench.public.zhou2015 import write_bag
-from pushfric_core import Observation, Twist
 from pushfric_core.commands import cli
 from pushfric_core.vision.camera import Camera, save_camera
 
@@ -195,31 +192,3 @@ def test_json_takes_no_input_for_its_file(call, tmp_path):
     data.write_text(HEADER + "0.05,-0.032,0,-1,0,0.02,0,0\n")
     figures = json.loads(call("region", "--json", data, "--object", "rubber_rect4").stdout)
     assert (figures["data_points"], data.read_text().count("\n")) == (1, 2)
-
-
-def test_replay_stays_for_late_subscribers(ros, tmp_path):
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-
-    from pushfric_msgs.msg import FrictionEstimate
-
-    pushes = [
-        Observation((0.02 * push, 0.0), (0.0, -1.0), Twist(0.0, 0.02, 0.1 * push), push, stamp=push) for push in range(1, 5)
-    ]
-    write_bag(tmp_path / "bag", "triangle", pushes)  # of observations, which no middleware loses
-    command = [*PROGRAM, "replay", tmp_path / "bag", "--stay", "--headless", "--json"]
-    with (
-        (tmp_path / "stderr").open("w") as stderr,
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=stderr, text=True) as replay,
-    ):
-        try:
-            line = replay.stdout.readline()  # printed when all has been played
-            assert line, (tmp_path / "stderr").read_text()
-            figures = json.loads(line)
-            seen = []
-            latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            ros.node("late").create_subscription(FrictionEstimate, "/cell/friction_estimate", seen.append, latched)
-            ros.wait_for(lambda: seen, what="the estimate that stays")
-        finally:
-            replay.send_signal(signal.SIGINT)
-        assert replay.wait(60) == 0
-    assert (seen[-1].data_points, seen[-1].objective) == (figures["data_points"], figures["objective"])

@@ -19,7 +19,6 @@ from calls import PROGRAM, pushfric
 from documents import blocks, has_the_form, shown
 from rosbags.highlevel import AnyReader
 
-from pushfric_core.estimation.excitation import FEWEST_PUSHES
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.report.report import truth
 
@@ -86,13 +85,6 @@ def test_the_bag_gives_exactly_the_live_estimate_offline(demo):
     assert run.returncode == 0, run.stderr
     offline = json.loads(run.stdout)
     assert offline == {key: result[key] for key in KEYS}
-
-
-def test_the_bag_gives_exactly_the_live_estimate_replayed(demo):
-    bag, result, _ = demo
-    run = pushfric("replay", bag, "--rate", 10, "--json", "--headless")
-    assert run.returncode == 0, run.stderr
-    assert json.loads(run.stdout) == {key: result[key] for key in KEYS}
 
 
 def asked(url: str, what: str) -> bool:
@@ -192,10 +184,9 @@ def test_ctrl_c_leaves_no_process_behind_but_a_bag(running, tmp_path):
     assert "Traceback" not in running.output
     read = pushfric(*said[2].split(), "--json", "--ledger", tmp_path / "ledger.json")
     result, pushes = json.loads(read.stdout), int(said[1])
-    assert (result["pushes"], json.loads((tmp_path / "ledger.json").read_text())["doubts"]) == (pushes, [])
-    # the plan's first seven pushes are all against one side, and one that has begun may lie on another
-    use = result["belief"]["verdict"]["use"]
-    assert (read.returncode, pushes >= FEWEST_PUSHES or not use) == (int(not use), True), read.stderr
+    doubts = {doubt["code"] for doubt in json.loads((tmp_path / "ledger.json").read_text())["doubts"]}
+    assert (read.returncode, result["pushes"]) == (1, pushes)
+    assert {"plan_unfinished"} <= doubts <= {"plan_unfinished", "no_end"}
 
 
 def test_the_nodes_end_with_a_killed_command_line(running):

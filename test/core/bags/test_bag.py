@@ -317,6 +317,22 @@ def test_recovery_takes_the_object_along(tmp_path):
         assert (out / "object.yaml").read_text() == "name: plate"
 
 
+@pytest.mark.parametrize("size", [0, 20_000])
+def test_a_recovery_that_cannot_be_written_leaves_no_folder(tmp_path, rng, size):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/text", STRING, [offered(RELIABLE)])
+        for number in range(20):
+            writer.write("/text", number, text(rng.bytes(2000).hex()))
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        with pytest.raises(InvalidInput, match="cannot write the bag: File too large"):
+            recover(tmp_path / "bag", tmp_path / "out")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [one.name for one in tmp_path.iterdir()] == ["bag"]
+
+
 def test_messages_of_a_channel_that_is_lost_are_left_out(tmp_path):
     """Without chunks there are no checksums: a damaged number of a channel shows only in what refers to it."""
     path = tmp_path / "loose.mcap"

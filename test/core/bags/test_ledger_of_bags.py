@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from calls import invoked
 from rich.console import Console
-from semantic_damage import DAMAGES, SECOND, STREAMS, Recording, damaged
+from semantic_damage import DAMAGES, SECOND, STREAM_DAMAGES, STREAMS, Recording, damaged
 
-from pushfric_core import InvalidInput, Outline, TrajectoryConfig
+from pushfric_core import InvalidInput, Outline, TrajectoryConfig, load
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.files.object_file import load_object
+from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.recorded_run import disagreements
 from pushfric_ros.commands.watch import Monitor
@@ -60,7 +61,7 @@ def without(bag, topic, begin=0.0, end=np.inf):
 
 
 def test_a_sound_bag_adds_up(whole, tmp_path):
-    assert (whole[0].ledger.doubts, whole[0].ledger.events, whole[1]) == ([], [], [])
+    assert (whole[0].ledger.lines, whole[1]) == ([], [])
     run = invoked("bag", "verify", DEMO)
     assert (run.exit_code, run.stderr) == (0, "")
     run = invoked("estimate", DEMO, "--ledger", tmp_path / "ledger.json", "--json")
@@ -68,7 +69,7 @@ def test_a_sound_bag_adds_up(whole, tmp_path):
     ledger = json.loads((tmp_path / "ledger.json").read_text())
     assert [file.name for file in tmp_path.iterdir()] == ["ledger.json"]
     assert ledger == json.loads(run.stdout)["ledger"]
-    assert (ledger["doubts"], ledger["events"], ledger["more_events"]) == ([], [], 0)
+    assert (ledger["doubts"], ledger["remarks"]) == ([], [])
     accounts = ledger["accounts"]
     assert {kind: sums.pop("received") for kind, sums in accounts.items()} == {
         kind: sum(sums.values()) for kind, sums in accounts.items()
@@ -89,8 +90,7 @@ def test_one_wild_stamp_costs_one_message_and_is_said(recording, whole, tmp_path
         reading, _ = reading_of(bag)
         count, noun = len(recording.numbers(topic)), "poses" if topic == POSE else "pusher states"
         how = "ahead of those that follow" if offset > 0 else "before those that came first"
-        assert re.fullmatch(rf"1 of {count} {noun} is stamped 86\d+.\d+ s {how}, and left out", reading.ledger.doubts[0])
-        assert len(reading.ledger.events) == 1
+        assert re.fullmatch(rf"1 of {count} {noun} is stamped 86\d+.\d+ s {how}, and left out", reading.ledger.doubts[0].text)
         missing = list(recording.messages)
         del missing[recording.numbers(topic)[number]]
         expected, _ = reading_of(recording.write(tmp_path / f"{number} missing", missing))
@@ -111,11 +111,11 @@ def test_one_wild_stamp_costs_one_message_and_is_said(recording, whole, tmp_path
     [
         (lambda bag: wild(bag, POSE, slice(435, None), HOUR), "the poses go on for 3"),
         (lambda bag: wild(bag, POSE, slice(435, None), -HOUR), "of 871 poses are stamped up to 3599"),
-        (lambda bag: wild(bag, STATE, slice(600, None), HOUR), "pushes have pusher states for more than 1 s, but no pose"),
-        (lambda bag: without(bag, POSE, 0.5), "the poses end 3"),
+        (lambda bag: wild(bag, STATE, slice(600, None), HOUR), "of pushes 6 to 14"),
+        (lambda bag: without(bag, POSE, 0.5), "of pushes 7 to 14"),
         (lambda bag: without(bag, STATE, 0.5), "the poses go on for 3"),
-        (lambda bag: without(bag, POSE, 0.4, 0.6), "pushes have pusher states for more than 1 s, but no pose"),
-        (lambda bag: without(bag, STATE, 0.4, 0.6), "no observation came from push"),
+        (lambda bag: without(bag, POSE, 0.4, 0.6), "of pushes 5 to 8"),
+        (lambda bag: without(bag, STATE, 0.4, 0.6), "pushes 5 to 7 are missing: the ids of the pushes jump"),
     ],
 )
 def test_clocks_and_streams_that_stop_half_way_are_said(recording, tmp_path, change, said):
@@ -130,30 +130,141 @@ def test_clocks_and_streams_that_stop_half_way_are_said(recording, tmp_path, cha
         )
 
 
-@pytest.mark.parametrize("seed", range(2 * len(DAMAGES)))
-def test_nothing_is_lost_in_silence(recording, whole, tmp_path, seed):
-    """A sample of the campaign: where observations are lost or changed, the bag does not add up."""
-    said, messages = damaged(recording, seed)
+@pytest.mark.parametrize(
+    ("write", "kinds", "seed"),
+    [(Recording.write, DAMAGES, seed) for seed in range(2 * len(DAMAGES))]
+    + [(Recording.write_elsewhere, STREAM_DAMAGES, seed) for seed in range(4 * len(STREAM_DAMAGES))],
+)
+def test_nothing_is_lost_in_silence(recording, whole, tmp_path, write, kinds, seed):
+    """A sample of the campaign: where observations are lost or changed, the bag does not add up, whatever recorded it."""
+    said, messages = damaged(recording, seed, kinds)
     try:
-        reading, _ = reading_of(recording.write(tmp_path / "bag", messages))
+        reading, _ = reading_of(write(recording, tmp_path / "bag", messages))
     except InvalidInput:
         return  # nothing is left, and the command ends with 2
     assert contents(whole[0]) <= contents(reading) or reading.ledger.doubts, said
 
 
+@pytest.mark.parametrize(
+    ("pushes", "said"),
+    [
+        (range(5, 6), "push 6 is missing: the ids of the pushes jump"),
+        (range(2, 5), "pushes 3 to 5 are missing: the ids of the pushes jump"),
+        (range(3), "pushes 1 to 3 are missing: the ids of the pushes jump"),
+    ],
+)
+def test_pushes_that_are_missing_are_named_by_every_door(recording, whole, tmp_path, pushes, said):
+    begin, end = recording.span_of(pushes[0])[0], recording.span_of(pushes[-1])[1]
+    kept = [m for m in recording.messages if not begin <= m.log_time_ns <= end]
+    bag = recording.write_elsewhere(tmp_path / "bag", kept)
+    reading, _ = reading_of(bag)
+    (doubt,) = (one for one in reading.ledger.doubts if one.code is not DoubtCode.BOTH_MISSING)
+    gone = len(contents(whole[0]) - contents(reading))
+    assert (doubt.code, doubt.text) == (DoubtCode.PUSHES_MISSING, said)
+    assert abs(doubt.lost - gone) <= 0.4 * gone
+    assert begin - 3 * SECOND < doubt.stamp < end + 3 * SECOND
+    expected = [one._asdict() for one in reading.ledger.doubts]
+    for command in (["estimate"], ["bag", "verify"], ["bag", "info"]):
+        run = invoked(*command, bag)
+        assert (run.exit_code, said in " ".join(run.stderr.split())) == (1, True)
+        run = invoked(*command, bag, "--json", *(["--ledger", tmp_path / "ledger.json"] if command == ["estimate"] else []))
+        told = json.loads(run.stdout)
+        assert told.get("ledger", told)["doubts"] == expected
+    run = invoked("region", bag)
+    assert (run.exit_code, said in " ".join(run.stderr.split())) == (1, True)
+    assert invoked("region", bag, "--partial").exit_code == 0
+    with pytest.warns(UserWarning, match=said):
+        load(bag)
+    run = invoked("report", bag, "--html", tmp_path / "report.html")
+    assert (run.exit_code, said in (tmp_path / "report.html").read_text()) == (1, True)
+
+
+def test_only_what_is_proven_is_called_whole(recording, tmp_path):
+    """Recorded elsewhere, begun late at rest, or with single frames that a camera has dropped: nothing is wrong, nor proven."""
+    sentence = "complete as far as the streams can say"
+    begin = recording.span_of(2)[1] + SECOND
+    moments = [recording.span_of(push)[1] - SECOND for push in (3, 6)]
+    out = [next(n for n in recording.numbers(POSE) if recording.messages[n].log_time_ns > at) for at in moments]
+    dropped = [m for number, m in enumerate(recording.messages) if number not in out]
+    late = [m for m in recording.messages if m.log_time_ns > begin]
+    cases = (
+        (recording.write, recording.messages, "whole", ""),
+        (recording.write_elsewhere, recording.messages, sentence, ""),
+        (recording.write_elsewhere, late, sentence, "the pusher states begin with push 4"),
+        (recording.write_elsewhere, dropped, sentence, "2 poses of pushes did not come, one or two at a time"),
+    )
+    for number, (write, messages, state, remark) in enumerate(cases):
+        bag = write(tmp_path / f"{number}", messages)
+        for command in ("verify", "info"):
+            run = invoked("bag", command, bag)
+            assert run.exit_code == 0
+            assert re.search(rf"{bag}: {state}, \d+ messages", run.stdout)
+            assert remark in " ".join(run.stderr.split())
+        assert json.loads(invoked("bag", "verify", bag, "--json").stdout)["whole"] == (state == "whole")
+        run = invoked("estimate", bag)
+        assert (run.exit_code, remark in " ".join(run.stderr.split())) == (0, True)
+
+
+def test_states_that_begin_after_the_poses_tell_of_pushes_before(recording, tmp_path):
+    begin = recording.span_of(9)[1] + SECOND
+    kept = [m for m in recording.messages if m.topic != STATE or m.log_time_ns > begin]
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", kept))
+    (doubt,) = reading.ledger.doubts
+    assert (doubt.code, doubt.text.partition(" are")[0]) == (DoubtCode.PUSHES_MISSING, "pushes 1 to 10")
+
+
+def test_single_frames_are_a_doubt_where_they_cost_observations(recording, whole, tmp_path):
+    out = set(recording.numbers(POSE)[::20])
+    bag = recording.write_elsewhere(tmp_path / "bag", [m for n, m in enumerate(recording.messages) if n not in out])
+    reading, _ = reading_of(bag)
+    (doubt,) = reading.ledger.doubts
+    fewer = len(whole[0].observations) - len(reading.observations)
+    assert (doubt.code, 1 <= doubt.lost <= fewer + 3) == (DoubtCode.POSES_DROPPED, True)
+
+
+@pytest.mark.parametrize("offset", [0.06, -0.06])
+def test_clocks_that_step_against_each_other_are_a_doubt(recording, tmp_path, offset):
+    bag = recording.write_elsewhere(tmp_path / "bag", wild(recording, POSE, slice(435, None), round(offset * SECOND)))
+    reading, _ = reading_of(bag)
+    (doubt,) = reading.ledger.doubts
+    how = "later" if offset > 0 else "earlier"
+    assert doubt.code == DoubtCode.CLOCKS_STEP
+    assert doubt.text == f"the clocks step: from here on, poses are stamped 0.060 s {how} against the pusher states"
+    assert abs(doubt.stamp - recording.messages[recording.numbers(POSE)[435]].log_time_ns) < 3 * SECOND
+
+
+def test_a_loss_before_a_recovery_decides(recording, tmp_path):
+    """Chunks without any observation are lost: what comes out is the same, but nobody can know that."""
+    bag = recording.write(tmp_path / "bag", recording.messages)
+    file = bag / "bag_0.mcap"
+    file.write_bytes(file.read_bytes()[:-60_000])
+    (bag / "metadata.yaml").unlink()
+    saved = tmp_path / "saved"
+    run = invoked("bag", "recover", bag, "--out", saved)
+    assert run.exit_code == 1
+    for command in (["bag", "verify"], ["estimate"]):
+        run = invoked(*command, saved)
+        assert run.exit_code == 1
+        assert "was recovered; before that, " in " ".join(run.stderr.split())
+        assert "whole" not in run.stdout
+
+
 def test_what_lies_between_recorded_pushes_is_missed_by_plan_and_estimate(recording, tmp_path):
     begin, end = (recording.start + seconds * SECOND for seconds in (25, 45))
     bag = recording.write(tmp_path / "bag", [m for m in recording.messages if not begin < m.log_time_ns < end])
-    doubts = " ".join(reading_of(bag)[0].ledger.doubts)
-    assert "the plan goes from push 4 to push 9, and the bag says nothing of what lies between" in doubts
+    doubts = " ".join(reading_of(bag)[0].ledger.lines)
+    assert "pushes 4 to 7 are missing: the ids of the pushes jump" in doubts
     assert re.search(r"the last estimate of the run rests on 72 observations, but the bag holds 4\d of them", doubts)
 
 
-def test_an_interrupted_run_is_named_but_adds_up(recording, tmp_path):
-    end = recording.start + 40 * SECOND
-    reading, warnings = reading_of(recording.write(tmp_path / "bag", [m for m in recording.messages if m.log_time_ns < end]))
-    assert not reading.ledger.doubts
-    assert [line.partition(": ")[2] for line in warnings] == ["the plan is not finished: it stands at push 7 of 14"]
+@pytest.mark.parametrize("seconds", [44, 52])
+def test_an_interrupted_run_does_not_add_up(recording, tmp_path, seconds):
+    end = recording.start + seconds * SECOND
+    bag = recording.write(tmp_path / "bag", [m for m in recording.messages if m.log_time_ns < end])
+    doubts = {doubt.code: doubt.text for doubt in reading_of(bag)[0].ledger.doubts}
+    assert re.match(r"the plan is not finished: it stands at push (8|10) of 14", doubts[DoubtCode.PLAN_UNFINISHED])
+    assert invoked("bag", "verify", bag).exit_code == 1
+    assert [invoked("estimate", bag, *how).exit_code for how in ([], ["--partial"])] == [1, 0]
 
 
 def test_what_other_settings_or_another_object_give_is_not_compared():

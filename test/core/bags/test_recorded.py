@@ -33,7 +33,7 @@ TYPES = {
 
 
 def bag_of(folder, wrenches):
-    """A push of 38 frames; in the first `wrenches` of them, the force sensor measured 2 N along y."""
+    """A push of 38 frames, the pusher at rest in two; in the first `wrenches`, the force sensor measured 2 N along y."""
     known = TABLE_1[NAME]
     pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.03, 0.04, 0.0))
     line = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
@@ -47,6 +47,8 @@ def bag_of(folder, wrenches):
             pose.pose.pose = pose_to_msg(pushed.pose)
             state = PusherState(position=position, speed=0.02, tip_radius=0.003, push_id=0, mode=PusherState.MODE_RUNNING)
             state.direction.y, state.tip.y = 1.0, position
+            if frame in (0, 37):
+                state.push_id, state.speed = PusherState.NO_PUSH, 0.0
             wrench = WrenchStamped()
             wrench.header.frame_id, wrench.wrench.force.y = "table", 2.0
             said = {"object_pose": pose, "pusher_state": state} | ({"wrench": wrench} if frame < wrenches else {})

@@ -19,7 +19,7 @@ from pushfric_core.geometry.support import friction_directions
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.report.ledger import account
 from pushfric_core.report.report import truth
-from pushfric_core.trajectories.ledger import POSES, USED, Ledger
+from pushfric_core.trajectories.ledger import POSES, USED, DoubtCode, Ledger
 from pushfric_ros.commands import doctor
 from pushfric_ros.commands.doctor import Check, Grade
 
@@ -69,10 +69,12 @@ def test_the_keys_of_an_estimate_are_documented(data):
 
 def test_the_keys_of_a_ledger_are_documented():
     ledger = Ledger()
-    ledger.event(0, "a clock jumped")
     ledger.accounts[POSES].enter(USED)
+    for code in DoubtCode:
+        ledger.doubt(code, "a push is missing")
     keys = {key.split(".")[0] if key.startswith("accounts") else key for key in keys_of(account(ledger))}
     assert keys == set(documented("`estimate --ledger`, under the key `ledger`, or `--ledger FILE.json`"))
+    assert [code for code in DoubtCode if f"`{code}`" not in TEXT] == []
 
 
 @pytest.mark.parametrize("command", ["recognize", "region"])

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cluster import local_cluster
 from problems import observations_of
+from semantic_damage import Recording
 
 from pushfric_core import TABLE_1, Support
 from pushfric_core.files.model_file import load_model
@@ -105,6 +106,20 @@ def test_the_numbers_are_those_of_a_single_estimate(inputs, tmp_path):
     assert int(row["data_points"]) == single["data_points"] == 11
     model, _ = load_model(out / row["model"])
     assert list(model.w) == single["w"]
+
+
+def test_a_bag_that_does_not_add_up_is_not_usable(tmp_path):
+    recording = Recording(BAG)
+    begin, end = recording.span_of(5)
+    kept = [one for one in recording.messages if not begin <= one.log_time_ns <= end]
+    recording.write_elsewhere(tmp_path / "bag", kept)
+    for how, code in (([], 1), (["--partial"], 0)):
+        run = estimate(BAG, tmp_path / "bag", "--out", tmp_path / "out", "--jobs", 1, "--json", *how)
+        counts = json.loads(run.stdout)
+        assert (run.returncode, counts["usable"], counts["not_usable"]) == (code, 2 - code, code)
+        row = table_of(tmp_path / "out")["bag"]
+        assert (row["use"] == "False", "pushes_missing" in row["reasons"]) == (bool(code), bool(code))
+        assert ("push 6 is missing" in (tmp_path / "out/report.md").read_text().split("## Warnings")[0]) == bool(code)
 
 
 def test_a_run_goes_on_where_it_was(inputs, tmp_path):

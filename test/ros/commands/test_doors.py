@@ -2,17 +2,32 @@
 
 import csv
 import json
+import pathlib
+import re
+import signal
+import subprocess
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from calls import figures, invoked
+from calls import PROGRAM, figures, invoked, pushfric
 from geometry_msgs.msg import Point, Vector3
 from problems import observations_of
+from semantic_damage import SECOND, Recording
 
 from bench.public import stablepush, zhou2015
-from pushfric_core import Estimator, HalfPlanes, Recognizer, convex_quartic, named_ellipsoid, next_pushes, predict, stability
+from pushfric_core import (
+    Estimator,
+    HalfPlanes,
+    Recognizer,
+    convex_quartic,
+    load,
+    named_ellipsoid,
+    next_pushes,
+    predict,
+    stability,
+)
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.cdr import encoder
 from pushfric_core.estimation.estimate import friction_model
@@ -26,7 +41,7 @@ from pushfric_core.mechanics.surface_models import surface_samples
 from pushfric_core.report.report import to_json
 from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, FrictionModel, Observation, Recognition
 from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes
-from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
+from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg, report_from_msg
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 from pushfric_ros.nodes.estimator import EstimatorNode
@@ -330,3 +345,110 @@ def test_every_door_gives_the_same_answers(case, ros):
 
 def without(answers, question):
     return {name: answer for name, answer in answers.items() if name != question}
+
+
+# --- what is learned from a bag: the program's p_CF, w and mu_c, and the belief's ---
+
+DEMO = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
+
+
+def of_a_run(_):
+    """Poses and pusher states, numbered, with the run's own plan and estimates."""
+    return DEMO
+
+
+def of_another_recorder(folder):
+    """Poses and pusher states alone, without numbers, up to the tenth push."""
+    recording = Recording(DEMO)
+    end = recording.span_of(9)[1] + SECOND
+    return recording.write_elsewhere(folder / "bag", [one for one in recording.messages if one.log_time_ns < end])
+
+
+def of_observations(folder):
+    """Observations alone, of pushes that do not show mu_c."""
+    model, known = load_object("wood_rect3"), TABLE_1["wood_rect3"]
+    with BagWriter(folder / "bag") as writer:
+        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
+        encode = encoder("pushfric_msgs/msg/Observation")
+        for number, one in enumerate(
+            observations_of(known.outline, known.support, known.mu_c, 14, np.random.default_rng(5)), 1
+        ):
+            writer.write("/cell/observation", number, encode(observation_to_msg(replace(one, stamp=number), model.name)))
+    save_object(model, folder / "bag" / OBJECT_FILE)
+    return folder / "bag"
+
+
+def of_a_model(path):
+    """Both products in a saved model, under the names of the JSON of `estimate`; it has neither bounds nor intervals of w."""
+    model = load(path)
+    belief = model.belief.model_dump(include={"center_of_friction", "covariance", "radius", "w", "mu_c"})
+    made = {"objective": model.made.fit_error, **{key: getattr(model.made, key) for key in ("data_points", "pushes", "status")}}
+    return plain(model.model_dump(include={"w", "center_of_friction"}) | made | {"belief": belief})
+
+
+def in_common(figures, others):
+    """The figures that others have, too, in the belief as well."""
+    return {
+        key: in_common(figures[key], value) if isinstance(value, dict) and key == "belief" else figures[key]
+        for key, value in others.items()
+    }
+
+
+def replayed(ros, bag, friction, folder):
+    """Both products as they come on the topics of a replay and as it prints them, and what its planner answers."""
+    command = [*PROGRAM, "replay", bag, "--rate", 10, "--stay", "--planner", "--headless", "--json"]
+    with (
+        (folder / "stderr").open("w") as stderr,
+        subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=stderr, text=True) as process,
+    ):
+        try:
+            line = process.stdout.readline()  # printed when all has been played
+            assert line, (folder / "stderr").read_text()
+            node, last = ros.node("late", namespace="/cell"), {}
+            for kind in (FrictionEstimate, FrictionModel):
+                node.create_subscription(kind, TOPICS[kind], lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
+            client = node.create_client(PredictPush, "planner/predict_push")
+            ros.wait_for(lambda: len(last) == 2 and client.service_is_ready(), what="the estimate and the model that stay")
+            points, normals = [Point(x=0.0, y=-0.03)], [Vector3(y=-1.0)]
+            answer = client.call_async(
+                PredictPush.Request(contact_points=points, contact_normals=normals, tip_velocities=[Vector3(y=0.02)])
+            )
+            ros.wait_for(answer.done, what="the answer of the planner")
+        finally:
+            process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
+    (twist,) = answer.result().twists
+    expected = predict(friction, [[0.0, -0.03]], [[0.0, -1.0]], [[0.0, 0.02]])
+    assert [[twist.linear.x, twist.linear.y, twist.angular.z]] == expected.twists.tolist()
+    assert list(answer.result().covariances) == expected.covariance.ravel().tolist()
+    samples, model = np.array(last[FrictionModel].w).reshape(-1, len(friction.support.weights)), last[FrictionModel]
+    assert [samples.tolist(), list(model.mu_c), list(model.weights), model.misfit] == [
+        *(friction.w.tolist(), friction.mu_c.tolist(), friction.share.tolist(), friction.misfit)
+    ]
+    return [plain(report_from_msg(last[FrictionEstimate]).to_dict()), json.loads(line)]
+
+
+@pytest.mark.parametrize("made", [of_a_run, of_another_recorder, of_observations])
+def test_every_door_gives_both_products_of_a_bag(ros, tmp_path, made):
+    bag = made(tmp_path)
+    recording = load(bag)
+    estimate = recording.new_estimator().add(recording)
+    expected = plain(estimate.to_dict(recording.object.name))
+    assert expected["belief"]["center_of_friction"] != expected["center_of_friction"]
+    assert estimated(bag, "--save", tmp_path / "model.yaml") == expected
+    saved = of_a_model(tmp_path / "model.yaml")
+    assert saved == in_common(expected, saved)
+    invoked("report", bag, "--html", tmp_path / "report.html")
+    (story,) = re.findall(r'<script type="application/json" id="story">(.*?)</script>', (tmp_path / "report.html").read_text())
+    told = json.loads(story.replace("\\u003c", "<"))["estimate"]
+    assert {key: told[key] for key in expected} == expected
+    assert replayed(ros, bag, friction_model(estimate), tmp_path) == [expected, expected]
+
+
+def test_a_replay_ends_with_what_the_streams_lack(tmp_path):
+    recording = Recording(DEMO)
+    begin, end = recording.span_of(5)
+    kept = [one for one in recording.messages if not begin <= one.log_time_ns <= end]
+    run = pushfric("replay", recording.write_elsewhere(tmp_path / "bag", kept), "--rate", 10, "--headless")
+    said = "push 6 is missing: the ids of the pushes jump"
+    assert (run.returncode, said in " ".join(run.stderr.split())) == (1, True), run.stderr

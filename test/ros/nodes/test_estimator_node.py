@@ -139,6 +139,23 @@ def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
     assert progress[-1].header == estimates[-1].header
 
 
+def test_a_pause_within_a_push_is_told_in_the_diagnostics(ros):
+    node, send, observations = estimator_of_samples(ros)
+    reports = collect(ros, node, DiagnosticArray, "/diagnostics", RELIABLE)
+    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    for number, msg in enumerate(push(0, 10**18)):
+        if number % 2 or number not in range(40, 52):  # six poses in a row did not come
+            send(msg)
+    ros.wait_for(lambda: observations, what="an observation")
+    said = "no pose came for 0.500 s of push 1"
+
+    def told():
+        warnings = [one for report in reports for one in report.status if one.level == DiagnosticStatus.WARN]
+        return any(one.message == said and said in str(one.values) for one in warnings)
+
+    ros.wait_for(told, what="the doubt")
+
+
 def test_bad_messages_are_refused_and_change_nothing(ros):
     _, out, estimates = estimator_of_observations(ros)
     good = [observation_to_msg(observation, NAME) for observation in DATA[:3]]

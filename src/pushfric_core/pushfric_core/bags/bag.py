@@ -13,7 +13,7 @@ import zstandard
 
 from pushfric_core.bags import parts
 from pushfric_core.bags.cdr import Decoder, decoder
-from pushfric_core.bags.contents import BEFORE, BagMessage, Definition, Gap, Summary, Topic, in_order
+from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, BagMessage, Definition, Gap, Summary, Topic, in_order
 from pushfric_core.bags.mcap_file import RECORD_LIMIT, STRANGE, McapFile
 from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata, read_metadata
 from pushfric_core.errors import InvalidInput, PushfricError
@@ -79,10 +79,14 @@ class Bag:
         ignore_metadata: take the files in the folder, whatever its metadata.yaml says.
     Attributes:
         path: the argument.
+        files: that it consists of.
         summary: what can be read.
         damage: what is wrong; None if the bag is whole.
-        notes: what cannot be known, and what was lost before the bag was recovered; not damage.
-        lost: what is not in the bag, or may not be, in words.
+        numbered: whether its recorder numbered the messages of every topic.
+        proven: whether the bag shows that it holds every message that its recorder took: nothing is damaged, all are counted
+            and numbered, and nothing was lost before.
+        notes: what cannot be known; not damage.
+        lost: losses before the bag was recovered, in words.
     Raises:
         InvalidInput: `path` is not a bag, cannot be read, or contains messages that are not of ROS 2.
     """
@@ -93,17 +97,18 @@ class Bag:
         metadata = None if ignore_metadata else read_metadata(self.path)
         self._compressed_messages = metadata is not None and metadata.compression_mode == "message"
         found = parts.parts_of(self.path, metadata)
+        self.files = found.files
         self._files = [self._open(file) for file in found.files]
         self.summary = self._summary()
         self.damage = self._damage(metadata, list(found.doubts))
-        said = [metadata, *(file.embedded for file in self._files)]
-        texts = sorted({" ".join(one.custom[BEFORE].split())[:500] for one in said if one is not None and BEFORE in one.custom})
-        self.notes = (
-            *(f"{self.path}: {text}" for text in found.notes),
-            *(f"{self.path} was recovered; before that, {text}" for text in texts),
+        said = [one.custom for one in (metadata, *(file.embedded for file in self._files)) if one is not None]
+        self.lost, unknown = (
+            tuple(sorted({" ".join(custom[key].split())[:500] for custom in said if key in custom}))
+            for key in (BEFORE, UNKNOWN_BEFORE)
         )
-        damage = () if self.damage is None else (self._said(), *self.damage.contradictions)
-        self.lost = (*texts, *found.notes, *damage)
+        self.notes = (*found.notes, *(f"was recovered; before that, {text}" for text in unknown))
+        self.numbered = all(file.counts.keys() <= file.first_numbers.keys() for file in self._files)
+        self.proven = self.numbered and metadata is not None and not (self.damage or self.notes or self.lost)
         self._decoders: dict[str, Decoder] = {}
         self._definitions = {topic.type_name: topic.definition for topic in self.summary.topics}
 
@@ -116,16 +121,11 @@ class Bag:
         if self.damage is not None and self.damage.loses_messages:
             raise DamagedBag(f"{self.what_is_missing()}; --partial goes on with what there is, `pushfric bag verify` says more")
 
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Contradictions, one line each; empty if the bag is whole."""
-        return () if self.damage is None else (self.what_is_missing(with_places=False), *self.damage.contradictions)
-
     def what_is_missing(self, with_places: bool = True) -> str:
         """A line that says how many messages of which topics are missing and, with places, when."""
         assert self.damage is not None
         gaps, contradictions = self.damage.gaps, self.damage.contradictions
-        said = self._said()
+        said = self.said
         if contradictions and with_places:
             said += f"; {contradictions[0]}" + (f" (and {len(contradictions) - 1} more doubts)" if contradictions[1:] else "")
         spans = "; ".join(f"{one.file.name}: {one.gap.reason}, {self.when(one.gap)}" for one in gaps[:3])
@@ -133,8 +133,9 @@ class Bag:
         places = f" ({spans}{more})" if gaps and with_places else ""
         return f"{self.path}: the bag is damaged, {said}{places}"
 
-    def _said(self) -> str:
-        """How many messages are missing, in words."""
+    @property
+    def said(self) -> str:
+        """How many messages are missing from the damaged bag, in words."""
         assert self.damage is not None
         missing = self.damage.missing
         if missing:

@@ -12,8 +12,8 @@ FIRST_NUMBER = "pushfric_first_number"
 """In the metadata of a channel: the number of its topic's first message; the others follow. It is drawn for each recording, so
 that the messages of another one stand out."""
 
-BEFORE = "pushfric_before_recovery"
-"""Key of a bag's custom data: losses before the bag was recovered."""
+BEFORE, UNKNOWN_BEFORE = "pushfric_before_recovery", "pushfric_unknown_before_recovery"
+"""Keys of a bag's custom data: losses before the bag was recovered, and what could not be known then."""
 
 
 UNKNOWN_TOPIC = "a topic that is no longer known"

@@ -35,11 +35,11 @@ from pushfric_core.trajectories.ledger import (
     REFUSED,
     STATES,
     WRENCHES,
+    DoubtCode,
     Ledger,
 )
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
-from pushfric_core.trajectories.stream import counted_of
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
 
 if TYPE_CHECKING:
@@ -145,9 +145,21 @@ class Recorded:
         Raises:
             InvalidInput: the bag contains neither poses with pusher states nor observations, or those of several cells.
         """
-        if self._bag is None:
+        bag = self._bag
+        if bag is None:
             raise InvalidInput(f"{self.path}: expected a bag")
-        return self._source(self._bag, with_forces)
+        poses = (*POSE_TOPICS, WRENCH) if with_forces else POSE_TOPICS
+        recorded, cell = _recorded_types(bag), self._cell(bag)
+        for kind, wanted in (("poses", poses), ("observations", OBSERVATION_TOPICS)):
+            topics = tuple(f"{cell}/{name}" for name in wanted)
+            if cell is not None and set(topics) <= set(recorded):
+                for topic in topics:
+                    _check_type(bag, topic, recorded[topic])
+                return ObservationSource(kind, cell, topics)
+        where = "" if self._namespace is None else f" of {cell or '/'}"
+        raise InvalidInput(
+            f"{bag.path}: no observations{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
+        )
 
     def holds(self, topic: str) -> bool:
         """Whether this is a bag with that topic."""
@@ -159,20 +171,31 @@ class Recorded:
         Args:
             model: the object.
             settings: how poses become observations, which pushes are left out, and whether forces are needed.
-            warn: called with a line for each message that is refused, and one for a damaged bag.
+            warn: called with a line for each message that is refused, each doubt and remark, and one for a damaged bag.
             partial: accept a bag from which messages are missing.
         Raises:
             InvalidInput: the file cannot be read, or does not contain the observations that are needed.
             DamagedBag: messages are missing from the bag.
         """
-        ledger, record, path = Ledger(), None, self.path
-        if self._bag is None:
-            found = read_observations(path, model.outline)
+        bag, path = self._bag, self.path
+        if bag is None:
+            found, ledger, record = read_observations(path, model.outline), Ledger(), None
         else:
-            found, record = self._observations(self._bag, model, settings, warn, partial, ledger)
+            if not partial:
+                bag.require_whole()
+            if bag.damage is not None:
+                warn(bag.what_is_missing())
+            for note in bag.notes:
+                warn(f"{path}: {note}")
+            source = self.source(settings.with_forces)
+            found, ledger, record = self._account(bag, source, model, settings, warn)
+            if not found:
+                raise InvalidInput(f"{path}: its {source.kind} give no observation of {model.name}")
         for push_id in settings.excluded:
             if all(observation.push_id != push_id for observation in found):
                 raise InvalidInput(f"{path}: no observation of push {push_id}, which is to be left out")
+        for line in ledger.lines:
+            warn(f"{path}: {line}")
         reading = Reading(found, settings.excluded, ledger, record)
         if settings.with_forces and all(observation.force is None for observation in reading.observations):
             raise InvalidInput(f"{path}: no observation has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
@@ -186,56 +209,30 @@ class Recorded:
         Raises:
             InvalidInput: the bag, or a file next to it, cannot be read.
         """
-        ledger, file, settings = Ledger(), beside(self.path, OBJECT_FILE), self.settings
+        file, settings = beside(self.path, OBJECT_FILE), self.settings
         try:
             source = self.source(settings.with_forces)
         except InvalidInput:
             return None
         assert self._bag is not None
-        model = None if file is None else load_object(str(file))
+        return self._account(self._bag, source, None if file is None else load_object(str(file)), settings, lambda _: None)[1]
+
+    def _account(
+        self, bag: "Bag", source: ObservationSource, model: ObjectModel | None, settings: EstimatorSettings, warn: Warn
+    ) -> tuple[list[Observation], Ledger, RunRecord]:
+        """The observations of a bag, those that its run went on from first, and what became of its messages."""
+        ledger, record, before = Ledger(), RunRecord(bag, source.namespace), beside(self.path, PRIOR_FILE)
         outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
-        record = RunRecord(self._bag, source.namespace)
-        made = _account(self._bag, source, outline, settings, ledger, record, lambda _: None)
-        before = beside(self.path, PRIOR_FILE)
+        made = _from_poses if source.kind == "poses" else _recorded
+        found = list(made(bag, source, outline, settings.trajectory, ledger, record, warn))
+        _enter_unread(bag, source, ledger)
+        ledger.doubt_refused()
+        for text in bag.lost:
+            ledger.doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}")
         earlier = [] if model is None or before is None else prior(before, model)
-        record.close(ledger, None if model is None else made, settings, len(earlier))
-        return ledger
-
-    def _observations(
-        self, bag: "Bag", model: ObjectModel, settings: EstimatorSettings, warn: Warn, partial: bool, ledger: Ledger
-    ) -> tuple[list[Observation], RunRecord]:
-        path = self.path
-        if not partial:
-            bag.require_whole()
-        if bag.damage is not None:
-            warn(bag.what_is_missing())
-        for note in bag.notes:
-            warn(note)
-        source = self._source(bag, settings.with_forces)
-        earlier = [] if (file := beside(path, PRIOR_FILE)) is None else prior(file, model)
-        record = RunRecord(bag, source.namespace)
-        found = _account(bag, source, model.outline, settings, ledger, record, warn)
-        if not found:
-            raise InvalidInput(f"{path}: its {source.kind} give no observation of {model.name}")
-        if record.unfinished is not None:
-            warn(f"{path}: {record.unfinished}")
-        record.close(ledger, found if _is_recorded(path, model) else None, settings, len(earlier))
-        return earlier + found, record
-
-    def _source(self, bag: "Bag", with_forces: bool) -> ObservationSource:
-        poses = (*POSE_TOPICS, WRENCH) if with_forces else POSE_TOPICS
-        recorded = _recorded_types(bag)
-        cell = self._cell(bag)
-        for kind, wanted in (("poses", poses), ("observations", OBSERVATION_TOPICS)):
-            topics = tuple(f"{cell}/{name}" for name in wanted)
-            if cell is not None and set(topics) <= set(recorded):
-                for topic in topics:
-                    _check_type(bag, topic, recorded[topic])
-                return ObservationSource(kind, cell, topics)
-        where = "" if self._namespace is None else f" of {cell or '/'}"
-        raise InvalidInput(
-            f"{bag.path}: no observations{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
-        )
+        of_the_run = found if model is not None and _is_recorded(self.path, model) else None
+        record.close(ledger, of_the_run, settings, len(earlier))
+        return (earlier if found else []) + found, ledger, record
 
     def _cell(self, bag: "Bag") -> str | None:
         """The namespace of the cell to read: the one that is given, or the only one with observations; None: there is none.
@@ -307,25 +304,6 @@ class Reading:
         )
 
 
-def _account(
-    bag: "Bag",
-    source: ObservationSource,
-    outline: Outline,
-    settings: EstimatorSettings,
-    ledger: Ledger,
-    record: RunRecord,
-    warn: Warn,
-) -> list[Observation]:
-    """The observations of a bag; the ledger and the record take what becomes of its messages."""
-    made = _from_poses if source.kind == "poses" else _recorded
-    found = list(made(bag, source, outline, settings.trajectory, ledger, record, warn))
-    _enter_unread(bag, source, ledger)
-    for kind, account in ledger.accounts.items():
-        if number := account.ended[REFUSED]:
-            ledger.doubt(f"{counted_of(number, account.received, kind)} refused: the values are impossible")
-    return found
-
-
 def _enter_unread(bag: "Bag", source: ObservationSource, ledger: Ledger) -> None:
     """Enter the messages of other cells, which are not read."""
     kinds = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES, "observation": OBSERVATIONS}
@@ -361,15 +339,15 @@ def _from_poses(
             if kind is None:
                 record.take(message)
             elif kind == POSES:
-                yield from maker.add_pose(content(bag, message, pose_sample_from_msg))
+                yield from maker.add_pose(content(bag, message, pose_sample_from_msg), message.log_time_ns)
             elif kind == STATES:
-                yield from maker.add_pusher(content(bag, message, pusher_sample_from_msg))
+                yield from maker.add_pusher(content(bag, message, pusher_sample_from_msg), message.log_time_ns)
             else:
                 yield from maker.add_force(content(bag, message, force_sample_from_msg))
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
             ledger.accounts[kind or OBSERVATIONS].enter(REFUSED)
-    ledger.absorb(maker.ledger())
+    ledger.absorb(maker.ledger(record.planned, bag.numbered))
     if maker.apart is not None:
         warn(f"{bag.path}: {tip_stays_away(maker.apart)}")
     if maker.waiting:

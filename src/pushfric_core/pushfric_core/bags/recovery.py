@@ -6,7 +6,7 @@ import shutil
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.contents import BEFORE
+from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE
 from pushfric_core.bags.recorded import beside
 from pushfric_core.bags.rosbag2_metadata import METADATA
 from pushfric_core.errors import InvalidInput
@@ -24,25 +24,34 @@ def recover(path: PathLike, out: PathLike) -> Bag:
     Raises:
         InvalidInput: `path` is not a bag, or the new bag cannot be written.
     """
-    lost = []
+    unknown = []
     try:
         damaged = Bag(path)
     except InvalidInput as error:  # perhaps only its metadata is damaged
         damaged = Bag(path, ignore_metadata=True)
-        lost.append(f"{METADATA} could not be used: {error}")
-    with BagWriter(out) as writer:
-        for name in (OBJECT_FILE, PRIOR_FILE):
-            if (kept := beside(damaged.path, name)) is not None:
-                with writer.writing():
-                    shutil.copyfile(kept, pathlib.Path(out) / name)
-        channels = {}
-        for topic in damaged.summary.topics:
-            text = topic.definition
-            channels[topic.name, topic.type_name] = writer.register(
-                topic.name, topic.type_name, topic.qos_profiles, topic.type_hash, text.encoding, text.text.encode()
-            )
-        for message in damaged.messages():
-            writer.append(channels[message.topic, message.type_name], message.log_time_ns, message.raw)
-        if lost := [*lost, *damaged.lost]:
-            writer.note(BEFORE, "; ".join(lost))
+        unknown.append(f"{METADATA} could not be used: {error}")
+    lost, damage = [*damaged.lost], damaged.damage
+    if damage is not None and damage.loses_messages:
+        lost += [damaged.said, *damage.contradictions]
+    new = BagWriter(out)
+    try:
+        with new as writer:
+            for name in (OBJECT_FILE, PRIOR_FILE):
+                if (kept := beside(damaged.path, name)) is not None:
+                    with writer.writing():
+                        shutil.copyfile(kept, pathlib.Path(out) / name)
+            channels = {}
+            for topic in damaged.summary.topics:
+                text = topic.definition
+                channels[topic.name, topic.type_name] = writer.register(
+                    topic.name, topic.type_name, topic.qos_profiles, topic.type_hash, text.encoding, text.text.encode()
+                )
+            for message in damaged.messages():
+                writer.append(channels[message.topic, message.type_name], message.log_time_ns, message.raw)
+            for key, texts in ((BEFORE, lost), (UNKNOWN_BEFORE, [*unknown, *damaged.notes])):
+                if texts:
+                    writer.note(key, "; ".join(texts))
+    except BaseException:
+        shutil.rmtree(new.folder, ignore_errors=True)  # a part of what can be saved is of no use
+        raise
     return damaged

@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pushfric_core.bags.constants import constants
 from pushfric_core.bags.contents import BagMessage
-from pushfric_core.bags.samples import observation_from_msg
+from pushfric_core.bags.samples import observation_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.push_plan import index_of, number_of
 from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
-from pushfric_core.trajectories.ledger import Ledger
+from pushfric_core.trajectories.course import Planned
+from pushfric_core.trajectories.ledger import DoubtCode, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.wording import counted
 
@@ -73,11 +74,11 @@ class RunRecord:
         self._last: BagMessage | None = None  # estimate
         self._settings: BagMessage | None = None
         self._starts = 0
+        self._begin: int | None = None  # index of the plan's first push, if the bag shows its beginning
         self._plan: Any = None  # the last plan_progress
         self.started: set[int] = set()
         self._done: set[int] = set()
         self.aborted: set[int] = set()
-        self._skipped: list[tuple[int, int]] = []  # numbers of pushes done, between which the plan says nothing
 
     def take(self, message: BagMessage) -> None:
         """Take a message of one of the topics."""
@@ -103,24 +104,27 @@ class RunRecord:
 
     def _on_plan(self, msg: Any) -> None:
         before, self._plan = self._plan, msg
-        if before is not None:
+        if before is None:
+            begins = not msg.completed + msg.aborted + msg.skipped
+            self._begin = index_of(msg.push_id, msg.count) if begins else None
+        else:
             done, earlier = (one.completed + one.aborted + one.skipped for one in (msg, before))
             if done > earlier:
                 (self._done if msg.completed > before.completed else self.aborted).add(before.push_id)
-            now, then = (index_of(one.push_id, one.count) for one in (msg, before))
-            if done > earlier + 1 or now > then + 1:
-                self._skipped.append((then, now))
             if before.phase == PHASES["PHASE_PUSHING"] != msg.phase and msg.completed == before.completed:
                 self.aborted.add(before.push_id)
         if msg.phase == PHASES["PHASE_PUSHING"]:
             self.started.add(msg.push_id)
 
     @property
-    def unfinished(self) -> str | None:
-        """In words, where the plan stands if the bag does not show its end; None without a plan, or at its end."""
-        if self._plan is None or self._plan.phase == PHASES["PHASE_FINISHED"]:
-            return None
-        return f"the plan is not finished: it stands at push {self._number(self._plan.push_id)} of {self._plan.count}"
+    def planned(self) -> Planned | None:
+        """The plan, as far as the bag shows it; None: not at all."""
+        return None if self._plan is None or not self._plan.count else Planned(self._begin, self._plan.count, self.aborted)
+
+    @property
+    def _unfinished(self) -> bool:
+        """Whether the bag does not show the end of its plan."""
+        return self._plan is not None and self._plan.phase != PHASES["PHASE_FINISHED"]
 
     def _number(self, push_id: int) -> str:
         return number_of(push_id, self._plan.count)
@@ -136,7 +140,8 @@ class RunRecord:
             earlier: number of observations that the run went on from.
         """
         if self._repeated:
-            ledger.doubt(f"{counted(self._repeated, 'observation was', 'observations were')} recorded more than once")
+            text = f"{counted(self._repeated, 'observation was', 'observations were')} recorded more than once"
+            ledger.doubt(DoubtCode.RUN_DIFFERS, text)
         recorded = self._recorded_settings()
         alike = recorded is None or (
             recorded.trajectory == settings.trajectory and recorded.with_forces == settings.with_forces
@@ -159,21 +164,20 @@ class RunRecord:
         """Each observation that the run made must come out of the bag's poses and pusher states again, and no other."""
         again = {(one.push_id, one.stamp): one for one in made}
         recorded = self._observations
-        end = max(stamp for _, stamp in recorded) if self.unfinished is not None else None
+        end = max(stamp for _, stamp in recorded) if self._unfinished else None
         missing = [key for key in recorded if key not in again]
         # an interrupted run may end before the observation that its last poses give
         added = [key for key in again if key not in recorded and (end is None or key[1] <= end)]
         moved = [key for key in recorded if key in again and not _alike(recorded[key], again[key])]
         what = f"of the {counted(len(recorded), 'observation')} that the run recorded"
-        if missing:
-            ledger.doubt(f"{what}, {len(missing)} do not come out of its poses and pusher states again, {_pushes(missing)}")
-        if moved:
-            ledger.doubt(f"{what}, {len(moved)} come out of its poses and pusher states otherwise, {_pushes(moved)}")
-        if added:
-            ledger.doubt(
-                f"its poses and pusher states give {counted(len(added), 'observation')} that the run did not record, "
-                f"{_pushes(added)}"
-            )
+        for keys, text in (
+            (missing, f"{what}, {len(missing)} do not come out of its poses and pusher states again"),
+            (moved, f"{what}, {len(moved)} come out of its poses and pusher states otherwise"),
+            (added, f"its poses and pusher states give {counted(len(added), 'observation')} that the run did not record"),
+        ):
+            if keys:
+                first = min(stamp for _, stamp in keys)
+                ledger.doubt(DoubtCode.RUN_DIFFERS, f"{text}, {_pushes(keys)}", first, len(missing) if keys is missing else 0)
 
     def _compare_estimate(self, ledger: Ledger, settings: EstimatorSettings, earlier: int) -> None:
         """The last estimate cannot rest on more observations than the bag holds."""
@@ -188,18 +192,16 @@ class RunRecord:
         out = rejected | set(settings.excluded)
         held = earlier + sum(push_id not in out for push_id, _ in self._observations)
         if rests_on > held:
-            ledger.doubt(f"the last estimate of the run rests on {rests_on} observations, but the bag holds {held} of them")
+            text = f"the last estimate of the run rests on {rests_on} observations, but the bag holds {held} of them"
+            ledger.doubt(DoubtCode.RUN_DIFFERS, text, self._last.log_time_ns, rests_on - held)
 
     def _close_plan(self, ledger: Ledger, pushed: Collection[int] | None) -> None:
-        for before, after in self._skipped:
-            ledger.doubt(
-                f"the plan goes from push {before + 1} to push {after + 1}, and the bag says nothing of what lies between"
-            )
         if pushed is not None and (empty := sorted(self._done.difference(pushed))):
-            ledger.doubt(f"no observation came from push {', '.join(map(self._number, empty))}")
-        if silent := sorted(self._done - self.started):
-            which = ", ".join(map(self._number, silent))
-            ledger.doubt(f"push {which} of the plan is done, but the bag does not show its beginning")
+            ledger.doubt(DoubtCode.NO_OBSERVATIONS, f"no observation came from push {', '.join(map(self._number, empty))}")
+        if self._unfinished:
+            plan = self._plan
+            text = f"the plan is not finished: it stands at push {self._number(plan.push_id)} of {plan.count}"
+            ledger.doubt(DoubtCode.PLAN_UNFINISHED, text, stamp_from_msg(plan.header.stamp))
 
 
 def _alike(one: Observation, other: Observation) -> bool:

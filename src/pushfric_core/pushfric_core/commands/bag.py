@@ -2,7 +2,9 @@
 
 import pathlib
 import sys
-from typing import Annotated, Any
+import time
+from collections.abc import Iterator
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from rich.console import Console
@@ -11,13 +13,52 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.recorded import Recorded, cells
 from pushfric_core.bags.recovery import recover as recovered
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, say, warn
+from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.errors import InvalidInput
+from pushfric_core.report.ledger import account, table
 from pushfric_core.report.report import to_json
+from pushfric_core.trajectories.ledger import Doubt, DoubtCode, Ledger
 from pushfric_core.wording import counted
 
+BagArgument = Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its files.", show_default=False)]
+
 app = Application()
+
+
+class Checked(NamedTuple):
+    """A bag, and what its messages say."""
+
+    bag: Bag
+    ledgers: dict[str, Ledger]  # by the namespace of the cell
+    doubts: list[Doubt]
+    remarks: list[Doubt]
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing shows that something is missing."""
+        return self.bag.damage is None and not self.doubts
+
+    @property
+    def whole(self) -> bool:
+        """Whether it is proven that nothing is missing."""
+        return self.sound and self.bag.proven and not self.remarks
+
+
+@app.command()
+def info(bag: BagArgument, json: JsonOption = None) -> None:
+    """Show files, times, topics and counts of a bag, what became of its messages, and whether they add up.
+
+    Exit codes as of verify.
+    """
+    checked = _checked(bag)
+    write_json(to_json(_condition(checked)), json)
+    if json != STDOUT:
+        for line in _contents(checked.bag):
+            _show(line)
+        for ledger in checked.ledgers.values():
+            _show(table(ledger))
+    _end(checked, json)
 
 
 @app.command()
@@ -29,82 +70,109 @@ def recover(
 ) -> None:
     """Save everything that can be read of a damaged bag into a new one, and say what is lost.
 
-    What is saved are whole chunks, before and after the damage; the new bag notes what was wrong. Exit code 1: what was saved
-    does not add up.
+    What is saved are whole chunks, before and after the damage; the new bag notes what was wrong. Exit code 1: messages are
+    lost, or what was saved does not add up.
     """
     bag = recovered(damaged, out)
-    _print(bag, console)
+    if bag.damage is not None:
+        _print_damage(bag)
     say(f"{out}: {counted(bag.summary.message_count, 'message')} saved")
-    doubts = _doubts(Bag(out))
-    _warn_of(out, doubts)
-    if doubts:
-        sys.exit(1)
+    _end(_checked(out), None)
 
 
 @app.command()
-def verify(
-    bag: Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its files.", show_default=False)],
-    json: JsonOption = None,
-) -> None:
+def verify(bag: BagArgument, json: JsonOption = None) -> None:
     """Read every byte of a bag, and say whether it is whole and its messages add up.
 
-    Checked are checksums, lengths and indexes, the files' numbers and names, metadata.yaml, the number of
-    messages of each topic, and the messages' own numbers. docs/files.md says what cannot be known.
+    Checked are checksums, lengths and indexes, the files' numbers and names, metadata.yaml, the number of messages of each
+    topic, the messages' own numbers, and whether poses, pusher states and plan lack something. docs/files.md says what cannot
+    be known.
 
-    Exit code 0: they do; 1: it is damaged, or they do not; 2: it is not a bag.
+    Exit code 0: nothing shows that something is missing; 1: it is damaged, or does not add up; 2: it is not a bag.
     """
-    checked = Bag(bag)
-    doubts = _doubts(checked) if checked.damage is None else []
-    write_json(to_json(_condition(checked) | {"doubts": doubts}), json)
-    if json != STDOUT:
-        _print(checked, Console(highlight=False, soft_wrap=True))
-    _warn_of(bag, doubts)
-    if checked.damage is not None or doubts:
-        sys.exit(1)
+    checked = _checked(bag)
+    write_json(to_json(_condition(checked)), json)
+    _end(checked, json)
 
 
-def _condition(bag: Bag) -> dict[str, Any]:
-    """The condition of a bag, as JSON: whether it is whole, and what is missing."""
-    damage = bag.damage
+def _checked(path: pathlib.Path) -> Checked:
+    bag = Bag(path)
+    ledgers: dict[str, Ledger] = {}
+    doubts = [Doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}") for text in bag.lost]
+    for cell in cells(bag):
+        try:
+            ledger = Recorded(path, cell, bag).ledger()
+        except InvalidInput as error:  # a bag, but with a run that nobody understands
+            doubts.append(Doubt(DoubtCode.NOT_UNDERSTOOD, str(error)))
+        else:
+            ledgers |= {} if ledger is None else {cell: ledger}
+    doubts += [one for ledger in ledgers.values() for one in ledger.doubts if one not in doubts]
+    return Checked(bag, ledgers, doubts, [one for ledger in ledgers.values() for one in ledger.remarks])
+
+
+def _condition(checked: Checked) -> dict[str, Any]:
+    """The condition of a bag, as JSON: whether it is whole, what it holds, and what is missing."""
+    bag, damage = checked.bag, checked.bag.damage
     gaps = [] if damage is None else damage.gaps
     return {
-        "whole": damage is None,
+        "whole": checked.whole,
+        "start_ns": bag.summary.start_ns,
+        "end_ns": bag.summary.end_ns,
         "messages": bag.summary.message_count,
         "topics": {topic.name: topic.message_count for topic in bag.summary.topics},
+        "types": {topic.name: topic.type_name for topic in bag.summary.topics},
         "missing": {} if damage is None else damage.missing,
         "gaps": [{"file": file.name, **gap._asdict()} for file, gap in gaps],
         "contradictions": [] if damage is None else list(damage.contradictions),
         "notes": list(bag.notes),
+        "doubts": [one._asdict() for one in checked.doubts],
+        "remarks": [one._asdict() for one in checked.remarks],
+        "ledgers": {cell: account(ledger) for cell, ledger in checked.ledgers.items()},
     }
 
 
-def _doubts(bag: Bag) -> list[str]:
-    """Contradictions between the messages of a bag, one line each."""
-    doubts = []
-    for cell in cells(bag):
-        try:
-            ledger = Recorded(bag.path, cell, bag).ledger()
-        except InvalidInput as error:  # a bag, but with a run that nobody understands
-            doubts.append(str(error))
+def _contents(bag: Bag) -> Iterator[str]:
+    """The contents of a bag, in lines, as `ros2 bag info` prints them."""
+    summary = bag.summary
+    yield f"Files:             {', '.join(file.name for file in bag.files)}"
+    yield f"Bag size:          {sum(file.stat().st_size for file in bag.files) / 1024:.1f} KiB"
+    yield f"Duration:          {(summary.end_ns - summary.start_ns) * 1e-9:.3f} s"
+    for name, at in (("Start:", summary.start_ns), ("End:", summary.end_ns)):
+        yield f"{name:<19}{time.strftime('%Y-%m-%d %H:%M:%S', time.gmtime(at // 10**9))} UTC ({at * 1e-9:.3f})"
+    yield f"Messages:          {summary.message_count}"
+    for number, topic in enumerate(summary.topics):
+        title = "" if number else "Topic information:"
+        yield f"{title:<19}Topic: {topic.name} | Type: {topic.type_name} | Count: {topic.message_count}"
+
+
+def _end(checked: Checked, json: str | None) -> None:
+    """Say whether a bag is whole, unless the JSON on stdout does, and what is missing; exit with 1 if something is."""
+    bag = checked.bag
+    if json != STDOUT:
+        for note in bag.notes:
+            say(f"{bag.path}: {note}")
+        if bag.damage is not None:
+            _print_damage(bag)
         else:
-            doubts += [] if ledger is None else ledger.doubts
-    return doubts
+            sound = "whole" if checked.whole else "complete as far as the streams can say"
+            said = sound if checked.sound else "does not add up"
+            messages = counted(bag.summary.message_count, "message")
+            _show(f"{bag.path}: {said}, {messages} of {counted(len(bag.summary.topics), 'topic')}")
+    for one in (*checked.doubts, *checked.remarks):
+        warn(f"{bag.path}: {one.text}")
+    if not checked.sound:
+        sys.exit(1)
 
 
-def _warn_of(bag: pathlib.Path, doubts: list[str]) -> None:
-    for line in doubts:
-        warn(f"{bag}: {line}")
-
-
-def _print(bag: Bag, output: Console) -> None:
-    for note in bag.notes:
-        say(note)
-    if bag.damage is None:
-        messages = counted(bag.summary.message_count, "message")
-        output.print(f"{bag.path}: whole, {messages} of {counted(len(bag.summary.topics), 'topic')}", markup=False)
-        return
-    output.print(bag.what_is_missing(with_places=False), markup=False)
+def _print_damage(bag: Bag) -> None:
+    assert bag.damage is not None
+    _show(bag.what_is_missing(with_places=False))
     for file, gap in bag.damage.gaps:
-        output.print(f"{file.name}, bytes {gap.begin} to {gap.end}: {gap.reason}, {bag.when(gap)}", markup=False)
+        _show(f"{file.name}, bytes {gap.begin} to {gap.end}: {gap.reason}, {bag.when(gap)}")
     for contradiction in bag.damage.contradictions:
-        output.print(contradiction, markup=False)
+        _show(contradiction)
+
+
+def _show(line: Any) -> None:
+    """Print a line, or a table, on stdout; names in a bag may hold control characters, which are left out."""
+    Console(highlight=False, soft_wrap=True, markup=False).print(line)

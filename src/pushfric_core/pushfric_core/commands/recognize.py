@@ -1,6 +1,7 @@
 """The command `recognize`."""
 
 import pathlib
+import sys
 from collections.abc import Iterator
 from typing import Annotated, Any
 
@@ -45,14 +46,16 @@ def recognize(
     hypotheses = model.hypotheses if models is None else library(models, model)
     if not hypotheses:
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses, or --library FOLDER")
-    seen = recorded.read(model, chosen, warn, partial).observations
-    data = chosen.relied_on(seen, model.support_points, warn)
+    reading = recorded.read(model, chosen, warn, partial)
+    data = chosen.relied_on(reading.observations, model.support_points, warn)
     ranking = batch.recognize(Recognizer(hypotheses, chosen.estimator), data, warn)
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             warn(f"{ranked.name}: {ranked.contradiction}")
     figures = recognition_report(ranking)
     answer(figures, json, _lines(figures))
+    if reading.ledger.doubts and not partial:
+        sys.exit(1)
 
 
 app = Application()

@@ -2,6 +2,7 @@
 
 import math
 import pathlib
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, Any
 
@@ -64,8 +65,8 @@ def region(
     except ValueError as error:
         raise InvalidInput(str(error)) from error
     settings = settings.without(exclude_push or ())
-    seen = [] if recorded is None else recorded.read(model, settings, warn, partial).observations
-    data = settings.relied_on(seen, model.support_points, warn)
+    reading = None if recorded is None else recorded.read(model, settings, warn, partial)
+    data = settings.relied_on([] if reading is None else reading.observations, model.support_points, warn)
     half_planes = narrowed(model.outline, data, config.region_margin, warn)
     planned = planned_pushes(half_planes, pushes) if plan is not None else []
     if plan is not None and not planned:
@@ -79,6 +80,8 @@ def region(
     if plan is not None:
         area = f"{planned[-1].expected_area * 1e4:.3g} cm^2"
         say(f"plan: {plan}, {counted(len(planned), 'push', 'pushes')}; expected to leave {area}")
+    if reading is not None and reading.ledger.doubts and not partial:
+        sys.exit(1)
 
 
 def narrowed(outline: Outline, data: Iterable[Observation], margin: float, warn: Warn) -> HalfPlanes:

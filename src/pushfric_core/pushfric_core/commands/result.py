@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from pushfric_core.commands.console import console, say
+from pushfric_core.commands.console import console
 from pushfric_core.commands.json_option import STDOUT, write_json
 from pushfric_core.estimation.estimate_report import center_line, contact_friction_line
-from pushfric_core.report.ledger import events, table
+from pushfric_core.report.ledger import table
 from pushfric_core.report.report import to_json
 from pushfric_core.solvers.program import Loss
 from pushfric_core.trajectories.ledger import Ledger
@@ -55,7 +55,5 @@ def _lines(figures: dict[str, Any], loss: Loss) -> Iterator[str]:
 
 
 def print_ledger(ledger: Ledger) -> None:
-    """Print what became of every message, and the events, on stderr."""
+    """Print what became of every message, on stderr."""
     console.print(table(ledger))
-    for line in events(ledger):
-        say(line)

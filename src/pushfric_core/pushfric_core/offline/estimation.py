@@ -81,8 +81,8 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
     course = _course(estimator, data, whole_course)
     verdict = course[-1].verdict
     reading.settle(estimator)
-    for line in (*(note.text for note in verdict.notes), *(f"{source}: {doubt}" for doubt in reading.ledger.doubts)):
-        warn(line)
+    for note in verdict.notes:
+        warn(note.text)
     return Estimation(source, model, settings, estimator, data, course, verdict, reading.ledger)
 
 

@@ -134,7 +134,6 @@ def load(
     said: list[str] = []
     try:
         reading = recorded.read(model, recorded.settings, said.append, partial)
-        said += [f"{path}: {doubt}" for doubt in reading.ledger.doubts]
     finally:
         for line in said:
             warnings.warn(line, stacklevel=2)

@@ -26,8 +26,11 @@ RESULTS, MODELS = "results.jsonl", "models"
 """Names in the folder of the results."""
 
 Line = dict[str, Any]
-"""Keys of an input's result: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json` and `model`; at
-last `checksum`."""
+"""Keys of an input's result: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json`, `doubts` and
+`model`; at last `checksum`."""
+
+FORMAT = 2
+"""Lines of another format are made again."""
 
 
 def inputs_of(sources: Iterable[pathlib.Path]) -> list[pathlib.Path]:
@@ -82,6 +85,11 @@ def estimate_many(
     return [lines[str(path)] for path in inputs]
 
 
+def objections(line: Line) -> list[dict[str, Any]]:
+    """Reasons why the estimate of a line is not to be used, with codes and texts, and what does not add up in its input."""
+    return [*line["belief"]["verdict"]["reasons"], *line["doubts"]]
+
+
 def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Path]:
     """Where the model of each input goes, in the folder of the results; the name follows from the input's path alone.
 
@@ -107,7 +115,7 @@ def fingerprint(path: pathlib.Path, choices: Choices) -> str:
     named = [pathlib.Path(choices.object_name), choices.support_points]
     files = [file for file in named if file is not None and file.is_file()]
     files += sorted(path.rglob("*")) if path.is_dir() else [path]
-    parts: list[Any] = [__version__, dataclasses.asdict(choices)]
+    parts: list[Any] = [__version__, FORMAT, dataclasses.asdict(choices)]
     for file in files:
         if file.is_file():
             stat = file.stat()
@@ -155,6 +163,7 @@ def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Pat
             raise InvalidInput(f"{path}: is a pipe or a device; expected a bag or a CSV of observations")
         estimation = estimate_from(path, choices, warnings.append)
         line |= estimation.figures()
+        line["doubts"] = [] if choices.partial else [one._asdict() for one in estimation.ledger.doubts]
         if estimation.result.contradiction is None:
             model = models[str(path)]
             save_model(estimation.to_model(), model)

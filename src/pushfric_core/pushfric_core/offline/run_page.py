@@ -227,7 +227,7 @@ def _predictions(estimation: Estimation, data: Sequence[Observation]) -> Section
 
 def _ledger(estimation: Estimation) -> Table:
     rows = [list(map(Cell, row)) for row in ledger_rows(estimation.ledger)]
-    rows += [[Cell(f"✗ {doubt}")] for doubt in estimation.ledger.doubts]
+    rows += [[Cell(f"✗ {line}")] for line in estimation.ledger.lines]
     return Table(("", *estimation.ledger.sums()), rows)
 
 

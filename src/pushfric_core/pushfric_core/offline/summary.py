@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pushfric_core.offline.many import Line
+from pushfric_core.offline.many import Line, objections
 from pushfric_core.offline.outliers import FEWEST, differing
 from pushfric_core.report.figures import Centers, centers_figure
 
@@ -43,14 +43,14 @@ def by_object(lines: Sequence[Line]) -> dict[str, list[Line]]:
     """The estimates that may be used, by the name of their object."""
     groups = defaultdict(list)
     for line in lines:
-        if "belief" in line and line["belief"]["verdict"]["use"]:
+        if "belief" in line and not objections(line):
             groups[line["object"]].append(line)
     return dict(sorted(groups.items()))
 
 
 def counts(lines: Sequence[Line]) -> dict[str, int]:
     """How many inputs there are, and what became of them."""
-    use = Counter(None if "error" in line else line["belief"]["verdict"]["use"] for line in lines)
+    use = Counter(None if "error" in line else not objections(line) for line in lines)
     states = {"usable": use[True], "not_usable": use[False], "broken": use[None]}
     outliers = sum("differs" in line for line in lines)
     return {"inputs": len(lines), "outliers": outliers} | states
@@ -88,8 +88,8 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
     text += _list("Outliers", [(line, "; ".join(line["differs"])) for line in lines if "differs" in line])
     if any(len(group) < FEWEST for group in groups.values()):
         text += [f"An object needs at least {FEWEST} estimates before outliers are looked for.", ""]
-    doubtful = [line for line in lines if "belief" in line and not line["belief"]["verdict"]["use"]]
-    reasons = (" ".join(reason["text"] for reason in line["belief"]["verdict"]["reasons"]) for line in doubtful)
+    doubtful = [line for line in lines if "belief" in line and objections(line)]
+    reasons = (" ".join(one["text"] for one in objections(line)) for line in doubtful)
     text += _list("Not to be used", list(zip(doubtful, reasons, strict=True)))
     text += _list("Broken inputs", [(line, line["error"]) for line in lines if "error" in line])
     text += _list("Warnings", [(line, warning) for line in lines for warning in line["warnings"]])

@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from pushfric_core.offline.many import Line
+from pushfric_core.offline.many import Line, objections
 
 TABLE = "table.csv"
 """Name in the folder of the results."""
@@ -42,9 +42,9 @@ COLUMNS: dict[str, Callable[[Line], Any]] = {
     "input": _at("input"),
     "object": _at("object"),
     "status": _at("status"),
-    "use": _at("belief", "verdict", "use"),
+    "use": lambda line: not objections(line) if "belief" in line else None,
     "error": _at("error"),
-    "reasons": lambda line: " ".join(one["code"] for one in line["belief"]["verdict"]["reasons"]) if "belief" in line else None,
+    "reasons": lambda line: " ".join(one["code"] for one in objections(line)) if "belief" in line else None,
     "p_cf_x": _believed(0),
     "p_cf_y": _believed(1),
     "var_x": _number(*COVARIANCE, 0, 0),

@@ -9,12 +9,11 @@ if TYPE_CHECKING:
 
 
 def account(ledger: Ledger) -> dict[str, Any]:
-    """The accounts by kind, the events with their stamps [ns], and what does not add up."""
+    """The accounts by kind, and what does not add up."""
     return {
         "accounts": ledger.sums(),
-        "events": [{"stamp": stamp, "text": text} for stamp, text in ledger.events],
-        "more_events": ledger.more_events,
-        "doubts": list(ledger.doubts),
+        "doubts": [one._asdict() for one in ledger.doubts],
+        "remarks": [one._asdict() for one in ledger.remarks],
     }
 
 
@@ -37,13 +36,6 @@ def rows(ledger: Ledger) -> list[list[str]]:
     sums = ledger.sums().values()
     reasons = [reason for reason in ("received", *REASONS) if any(reason in account for account in sums)]
     return [[reason, *(str(account.get(reason, "")) for account in sums)] for reason in reasons]
-
-
-def events(ledger: Ledger) -> list[str]:
-    """The events in order of time, each with its stamp [s], as lines."""
-    found = sorted(ledger.events)
-    lines = [f"{stamp * 1e-9:.3f}: {text}" for stamp, text in found]
-    return [*lines, f"and {ledger.more_events} more events"] if ledger.more_events else lines
 
 
 def sums_in_words(ledger: Ledger) -> dict[str, str]:

@@ -1,12 +1,13 @@
 """The ledger: every message that came in ends in exactly one account, which says what became of it.
 
-Accounts are counts, so a ledger stays small however long a run is. What happened to a stream as a whole is an event, with its
-time. What does not add up is a doubt: one line with numbers, for people.
+Accounts are counts, so a ledger stays small however long a run is. What does not add up is a doubt: observations may be
+missing, or may not be what happened.
 """
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum, auto
 from typing import NamedTuple
 
 POSES, STATES, WRENCHES, OBSERVATIONS, PUSHES = KINDS = ("poses", "pusher states", "wrenches", "observations", "pushes")
@@ -54,15 +55,49 @@ REASONS = {
 LOST = frozenset((AHEAD, OUT_OF_ORDER, REFUSED, FOREIGN))
 """Accounts that stay empty in a sound run. A message in one of them is a doubt."""
 
-MOST_EVENTS = 100
-"""Events that a ledger keeps; it counts the others."""
+
+class DoubtCode(StrEnum):
+    """Codes of doubts."""
+
+    # single messages
+    STAMPS_AHEAD = auto()
+    STAMPS_BEHIND = auto()
+    VALUES_REFUSED = auto()
+
+    # the streams of poses and pusher states
+    POSES_MISSING = auto()
+    POSES_DROPPED = auto()
+    STATES_MISSING = auto()
+    BOTH_MISSING = auto()
+    CLOCKS_STEP = auto()
+
+    # the pushes
+    BEGINS_LATE = auto()
+    PUSHES_MISSING = auto()
+    NO_BEGINNING = auto()
+    NO_END = auto()
+
+    # the bag
+    LOST_BEFORE = auto()
+    NOT_UNDERSTOOD = auto()
+
+    # what the run recorded about itself
+    PLAN_UNFINISHED = auto()
+    NO_OBSERVATIONS = auto()
+    RUN_DIFFERS = auto()
 
 
-class Event(NamedTuple):
-    """Something that happened to a stream."""
+REMARKS = frozenset((DoubtCode.POSES_DROPPED, DoubtCode.BEGINS_LATE))
+"""Codes of what also happens where nothing went wrong: cameras drop single frames, and recorders begin late."""
 
-    stamp: int  # when [ns]
-    text: str  # a sentence with numbers
+
+class Doubt(NamedTuple):
+    """Something that does not add up."""
+
+    code: DoubtCode
+    text: str  # a line with numbers
+    stamp: int = 0  # when [ns]; 0: no time is known
+    lost: int | None = None  # about how many observations it costs; None: nobody knows
 
 
 @dataclass
@@ -98,46 +133,43 @@ class Account:
 
 
 class Ledger:
-    """The accounts of one run or bag, its events, and what does not add up.
+    """The accounts of one run or bag, and what does not add up.
 
     Attributes:
         accounts: by kind.
-        events: the first MOST_EVENTS, in the order in which they were noticed.
-        more_events: number of all others.
-        doubts: lines for people, each once.
+        doubts: what does not add up, each once.
+        remarks: doubts with one of the codes REMARKS that cost nothing: all may be as it should, but that is not known.
     """
 
     def __init__(self) -> None:
         self.accounts = {kind: Account() for kind in KINDS}
-        self.events: list[Event] = []
-        self.more_events = 0
-        self.doubts: list[str] = []
+        self.doubts: list[Doubt] = []
+        self.remarks: list[Doubt] = []
 
-    def event(self, stamp: int, text: str) -> None:
-        """Note what happened to a stream at a time [ns]."""
-        if len(self.events) < MOST_EVENTS:
-            self.events.append(Event(stamp, text))
-        else:
-            self.more_events += 1
+    def doubt(self, code: DoubtCode, text: str, stamp: int = 0, lost: int | None = None) -> None:
+        """Note what does not add up, as `Doubt`, or remark it."""
+        noted = self.remarks if code in REMARKS and not lost else self.doubts
+        if (one := Doubt(code, text, stamp, lost)) not in noted:
+            noted.append(one)
 
-    def doubt(self, line: str) -> None:
-        """Note what does not add up: one line with numbers."""
-        if line not in self.doubts:
-            self.doubts.append(line)
+    @property
+    def lines(self) -> list[str]:
+        """The doubts and the remarks, one line each."""
+        return [one.text for one in (*self.doubts, *self.remarks)]
 
-    def take(self, accounts: Mapping[str, Account], events: Iterable[Event] = ()) -> None:
-        """Take over accounts that were kept elsewhere, and events."""
-        for kind, account in accounts.items():
-            self.accounts[kind].add(account)
-        for event in events:
-            self.event(*event)
+    def doubt_refused(self) -> None:
+        """Doubt the messages that were refused."""
+        for kind, account in self.accounts.items():
+            if number := account.ended[REFUSED]:
+                text = f"{counted_of(number, account.received, kind)} refused: the values are impossible"
+                self.doubt(DoubtCode.VALUES_REFUSED, text)
 
     def absorb(self, other: "Ledger") -> None:
         """Take over all that another ledger holds."""
-        self.take(other.accounts, other.events)
-        self.more_events += other.more_events
-        for line in other.doubts:
-            self.doubt(line)
+        for kind, account in other.accounts.items():
+            self.accounts[kind].add(account)
+        for doubt in (*other.doubts, *other.remarks):
+            self.doubt(*doubt)
 
     def settle(
         self,
@@ -169,3 +201,8 @@ class Ledger:
     def sums(self) -> dict[str, dict[str, int]]:
         """By kind, for those of which any came, as `Account.sums`."""
         return {kind: account.sums() for kind, account in self.accounts.items() if account.received}
+
+
+def counted_of(number: int, total: int, kind: str) -> str:
+    """Some of a kind as the subject of a sentence, with its verb: 1 of 871 poses is."""
+    return f"{number} of {total} {kind} {'is' if number == 1 else 'are'}"

@@ -1,7 +1,8 @@
 """Observations from what a cell measures: poses and pusher states, and the measured forces where these are needed."""
 
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Event, Ledger
+from pushfric_core.trajectories.course import Planned
+from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
 from pushfric_core.trajectories.trajectory import Apart, PoseSample, PusherSample, Trajectory, TrajectoryConfig
@@ -47,26 +48,21 @@ class ObservationMaker:
         """As `Trajectory.skew`."""
         return self._trajectory.skew
 
-    @property
-    def events(self) -> list[Event]:
-        """Wild stamps and clocks that went back, so far."""
-        return self._trajectory.events + ([] if self._forces is None else self._forces.events)
-
-    def ledger(self) -> Ledger:
-        """The account of all samples so far, if no more were to follow. Observations that were made have no end here."""
-        ledger = self._trajectory.ledger()
+    def ledger(self, planned: Planned | None = None, numbered: bool = True, ended: bool = True) -> Ledger:
+        """The account of all samples so far, as `Trajectory.ledger`. Observations that were made have no end here."""
+        ledger = self._trajectory.ledger(planned, numbered, ended)
         if self._forces is not None:
             self._forces.enter(ledger, self._trajectory.settled)
             ledger.accounts[OBSERVATIONS].enter(WAITING, self._forces.waiting)
         return ledger
 
-    def add_pose(self, sample: PoseSample) -> list[Observation]:
-        """Take a pose, and return the observations that became complete; raises as `Trajectory.add_pose`."""
-        return self._with_forces(self._trajectory.add_pose(sample))
+    def add_pose(self, sample: PoseSample, received: int | None = None) -> list[Observation]:
+        """Take a pose, and return the observations that became complete; arguments and errors as `Trajectory.add_pose`."""
+        return self._with_forces(self._trajectory.add_pose(sample, received))
 
-    def add_pusher(self, sample: PusherSample) -> list[Observation]:
+    def add_pusher(self, sample: PusherSample, received: int | None = None) -> list[Observation]:
         """Take a pusher state, and return the observations that became complete."""
-        return self._with_forces(self._trajectory.add_pusher(sample))
+        return self._with_forces(self._trajectory.add_pusher(sample, received))
 
     def add_force(self, sample: ForceSample) -> list[Observation]:
         """Take a sample of the force, and return the observations that became complete.

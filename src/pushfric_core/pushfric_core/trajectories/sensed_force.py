@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pushfric_core.geometry.planar import rotation
-from pushfric_core.trajectories.ledger import NO_OBSERVATION, USED, WRENCHES, Event, Ledger
+from pushfric_core.trajectories.ledger import NO_OBSERVATION, USED, WRENCHES, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.stream import Stream
 
@@ -29,7 +29,7 @@ class ForceMatcher:
     """
 
     def __init__(self) -> None:
-        self._stream: Stream[ForceSample] = Stream("wrench")
+        self._stream: Stream[ForceSample] = Stream()
         self._samples: deque[ForceSample] = deque()
         self._used_until = -1  # the last stamp that an observation has used [ns]; those before its motion are gone
         self._waiting: deque[Observation] = deque()
@@ -59,11 +59,6 @@ class ForceMatcher:
             self._samples.append(known)
             found += self._complete()
         return found
-
-    @property
-    def events(self) -> list[Event]:
-        """Wild stamps and a clock that went back, so far."""
-        return self._stream.events
 
     def enter(self, ledger: Ledger, until: int) -> None:
         """Enter what became of all samples so far, if no more were to follow; `until` as for `Stream.close`."""

@@ -12,9 +12,18 @@ is noticed too, but order of time cannot be restored: what it stamps is left out
 """
 
 from collections import deque
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
-from pushfric_core.trajectories.ledger import AHEAD, MOST_EVENTS, OUT_OF_ORDER, REPEATED, WAITING, Account, Event, Ledger
+from pushfric_core.trajectories.ledger import (
+    AHEAD,
+    OUT_OF_ORDER,
+    REPEATED,
+    WAITING,
+    Account,
+    DoubtCode,
+    Ledger,
+    counted_of,
+)
 
 NANOSECONDS = 1e9
 
@@ -29,6 +38,25 @@ OUTLASTS = 10.0
 
 RECENT = 9
 """Number of steps whose median is the usual one: few enough to follow a stream that changes its rate."""
+
+EVEN = 0.1
+"""A stream is even if all but EXCEPTIONS of the recent steps differ from the usual one by at most this fraction."""
+
+EXCEPTIONS = 2
+
+LONG = 1.5
+"""A step of an even stream that is longer than this multiple of the usual one is a pause."""
+
+MOST_PAUSES = 10_000
+"""Pauses that a stream remembers."""
+
+
+class Pause(NamedTuple):
+    """A time without samples."""
+
+    before: int  # stamp of the last sample before it [ns]
+    after: int  # stamp of the first sample after it
+    lost: bool  # the stream is even, and the pause a whole number of steps: so samples were lost, and the source went on
 
 
 class Stamped(Protocol):
@@ -47,32 +75,40 @@ class Stream(Generic[Sample]):
     """Holds back samples that may be wild, and counts what is left out.
 
     Args:
-        one: what a sample is called, in words.
-        distinct: no two samples have the same stamp. Otherwise another one with the same stamp counts: a clock stood still.
+        distinct: no two samples have the same stamp, and they may come evenly, as a camera's. Otherwise another one with the
+            same stamp counts: a clock stood still.
     Attributes:
         account: of all samples; those that `take` returns are for the caller to end.
-        events: the first MOST_EVENTS wild stamps and clocks that were set back.
         first, last: stamps of the first and the last sample that counts [ns]; None before.
-        leaps: the first MOST_EVENTS confirmed leaps, each from one stamp to another [ns].
+        pauses: the first MOST_PAUSES, in order of time.
     """
 
-    def __init__(self, one: str, distinct: bool = True) -> None:
-        self._one, self._distinct = one, distinct
+    def __init__(self, distinct: bool = True) -> None:
+        self._distinct = distinct
         self.account = Account()
-        self.events: list[Event] = []
-        self.leaps: list[tuple[int, int]] = []
+        self.pauses: list[Pause] = []
         self.first: int | None = None
         self.last: int | None = None
         self._newest: Sample | None = None  # that counts
         self._held: list[Sample] = []  # in order of time
         self._farthest = {AHEAD: 0, OUT_OF_ORDER: 0}  # how far a stamp was off, at most [ns]
+        self._since: dict[str, int] = {}  # when the first one was [ns]
         self._steps: deque[int] = deque(maxlen=RECENT)
         self._far = 0  # the longest step that is not a leap [ns]
-        self._back = -1  # the last stamp that was left out as too early [ns]
-        self._behind = 0  # how many such came in order up to it
+
+    @property
+    def usual(self) -> int:
+        """The usual step [ns]; 0 until there is one."""
+        return self._far // LEAP
+
+    @property
+    def even(self) -> bool:
+        """Whether the recent steps are alike."""
+        odd = sum(abs(one - self.usual) > EVEN * self.usual for one in self._steps)
+        return len(self._steps) > EXCEPTIONS >= odd
 
     def close(self, ledger: Ledger, kind: str, until: int | None) -> None:
-        """Enter the account and the events into a ledger, and what was left out as doubts.
+        """Enter the account into a ledger, and what was left out as doubts.
 
         Args:
             ledger: the ledger.
@@ -81,22 +117,21 @@ class Stream(Generic[Sample]):
                 wild.
         """
         account = Account(self.account.received, self.account.ended.copy())
-        events = list(self.events)
         for sample in self._held:
             wild = until is not None and self.last is not None and sample.stamp > until + OUTLASTS * NANOSECONDS
             account.end(AHEAD if wild else WAITING)
             if wild:
                 assert self.last is not None
-                leap = sample.stamp - self.last
-                self._farthest[AHEAD] = max(self._farthest[AHEAD], leap)
-                text = f"a {self._one} is stamped {seconds(leap)} ahead of the last one, and none follows"
-                events.append(Event(self.last, text))
-        ledger.take({kind: account}, events)
-        for reason, how in ((AHEAD, "ahead of those that follow"), (OUT_OF_ORDER, "before those that came first")):
+                self._note(AHEAD, sample.stamp - self.last, self.last)
+        ledger.accounts[kind].add(account)
+        for reason, code, how in (
+            (AHEAD, DoubtCode.STAMPS_AHEAD, "ahead of those that follow"),
+            (OUT_OF_ORDER, DoubtCode.STAMPS_BEHIND, "before those that came first"),
+        ):
             if number := account.ended[reason]:
                 what, far = counted_of(number, account.received, kind), seconds(self._farthest[reason])
                 most = "up to " if number > 1 else ""
-                ledger.doubt(f"{what} stamped {most}{far} {how}, and left out")
+                ledger.doubt(code, f"{what} stamped {most}{far} {how}, and left out", self._since[reason])
 
     def take(self, sample: Sample) -> list[Sample]:
         """Take a sample, and return those that now count, in order of time."""
@@ -107,11 +142,12 @@ class Stream(Generic[Sample]):
                 self.account.end(REPEATED)
                 return []
             if stamp < self.last:
-                self._note_behind(stamp)
+                self.account.end(OUT_OF_ORDER)
+                self._note(OUT_OF_ORDER, self.last - stamp, self.last)
                 return []
-        self._behind = 0
         while held and held[-1].stamp > stamp:
-            self._note_ahead(held.pop().stamp, stamp)
+            self.account.end(AHEAD)
+            self._note(AHEAD, held.pop().stamp - stamp, stamp if self.last is None else self.last)
         if held and self._repeats(sample, held[-1]):
             self.account.end(REPEATED)
             return []
@@ -133,40 +169,20 @@ class Stream(Generic[Sample]):
         if self.last is None:
             self.first = stamp
         elif step := stamp - self.last:
-            if self._far < step and self._steps and len(self.leaps) < MOST_EVENTS:
-                self.leaps.append((self.last, stamp))
+            whole = abs(step - round(step / (self.usual or step)) * self.usual) <= EVEN * self.usual
+            lost = self._distinct and LONG * self.usual < step and whole and self.even
+            if (lost or (self._far < step and self._steps)) and len(self.pauses) < MOST_PAUSES:
+                self.pauses.append(Pause(self.last, stamp, lost))
             self._steps.append(step)
             self._far = LEAP * sorted(self._steps)[(len(self._steps) - 1) // 2]
         self._newest, self.last = sample, stamp
 
-    def _note_ahead(self, stamp: int, following: int) -> None:
-        self.account.end(AHEAD)
-        self._farthest[AHEAD] = max(self._farthest[AHEAD], stamp - following)
-        where = following if self.last is None else self.last
-        self._note(where, f"a {self._one} is stamped {seconds(stamp - following)} ahead of the next one and is left out")
-
-    def _note_behind(self, stamp: int) -> None:
-        assert self.last is not None
-        self.account.end(OUT_OF_ORDER)
-        self._behind = self._behind + 1 if stamp > self._back else 1
-        self._back = stamp
-        self._farthest[OUT_OF_ORDER] = max(self._farthest[OUT_OF_ORDER], self.last - stamp)
-        late = seconds(self.last - stamp)
-        if self._behind == 1:
-            self._note(self.last, f"a {self._one} is stamped {late} before the last one and is left out")
-        elif self._behind == CONFIRMED:
-            self._note(self.last, f"the clock of the {self._one}s went back by {late}; they are left out meanwhile")
-
-    def _note(self, stamp: int, text: str) -> None:
-        if len(self.events) < MOST_EVENTS:
-            self.events.append(Event(stamp, text))
+    def _note(self, reason: str, off: int, stamp: int) -> None:
+        """Note that a stamp is off by so much, at a time [ns]."""
+        self._farthest[reason] = max(self._farthest[reason], off)
+        self._since.setdefault(reason, stamp)
 
 
 def seconds(duration: int) -> str:
     """A duration [ns] in words."""
     return f"{duration * 1e-9:.3f} s"
-
-
-def counted_of(number: int, total: int, kind: str) -> str:
-    """Some of a kind as the subject of a sentence, with its verb: 1 of 871 poses is."""
-    return f"{number} of {total} {kind} {'is' if number == 1 else 'are'}"

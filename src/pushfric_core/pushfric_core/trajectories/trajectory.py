@@ -28,6 +28,8 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import Array, Pose, Twist, inverse, rotation, transform, wrap
 from pushfric_core.settings import check_ranges, setting
+from pushfric_core.trajectories.clocks import Delays, clock_step
+from pushfric_core.trajectories.course import Course, Planned
 from pushfric_core.trajectories.ledger import (
     BETWEEN_FRAMES,
     BETWEEN_PUSHES,
@@ -38,12 +40,11 @@ from pushfric_core.trajectories.ledger import (
     STATES,
     TOO_FEW,
     USED,
-    Event,
+    DoubtCode,
     Ledger,
 )
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.trajectories.stream import NANOSECONDS, OUTLASTS, Stream, counted_of, seconds
-from pushfric_core.wording import counted
+from pushfric_core.trajectories.stream import NANOSECONDS, Stream
 
 STEADY = 0.25
 """The object moves on as before if its velocity differs from the mean of earlier frames by at most this fraction. This shows a
@@ -75,9 +76,6 @@ FOLLOWED = 0.005
 
 REMEMBERED = 10_000
 """Number of pusher states kept while no frame comes, and of frames while no pusher state comes."""
-
-SILENT = 1.0
-"""Poses may be missing for this long [s] at either end of all pushes, and in a whole push."""
 
 
 class PoseSample(NamedTuple):
@@ -127,30 +125,6 @@ class _Frame(NamedTuple):
     doubt: float  # the reports leave that open by this much [m/s]
     steady: bool  # whether the reports before and after have the same speed
     free: bool  # whether the reports before and after differ in their lines
-
-
-class _Stretch(NamedTuple):
-    """The pusher states that are no longer needed, push after push."""
-
-    first: int | None = None  # stamp of the first state of a push [ns]
-    last: int | None = None  # stamp of the last one [ns]
-    push_id: int | None = None  # of the newest push
-    begin: int = 0  # stamp of its first state [ns]
-    seen: bool = True  # whether a pose lies next to one of them
-    unseen: int = 0  # pushes that lasted, but without a pose
-
-    def with_state(self, state: PusherSample | None, fate: str) -> "_Stretch":
-        """With one more state and its account; None: the last push is over."""
-        if state is not None and state.push_id is None:
-            return self
-        if state is not None and state.push_id == self.push_id:
-            return self._replace(last=state.stamp, seen=self.seen or fate == USED)
-        lasted = self.last is not None and self.last - self.begin > SILENT * NANOSECONDS
-        unseen = self.unseen + (lasted and not self.seen)
-        if state is None:
-            return self._replace(unseen=unseen)
-        first = state.stamp if self.first is None else self.first
-        return _Stretch(first, state.stamp, state.push_id, state.stamp, fate == USED, unseen)
 
 
 class Apart(NamedTuple):
@@ -205,11 +179,12 @@ class Trajectory:
         self.config = config or TrajectoryConfig()
         self._reach = float(np.hypot(*outline.vertices.T).max())  # of the corners from the origin [m]
         self._margin = self.config.window // 2 + 1  # frames needed on either side: half a window, and a neighbour
-        self._poses: Stream[PoseSample] = Stream("pose")
-        self._states: Stream[PusherSample] = Stream("pusher state", distinct=False)
+        self._poses: Stream[PoseSample] = Stream()
+        self._states: Stream[PusherSample] = Stream(distinct=False)
         self._waiting: deque[PoseSample] = deque()  # frames for which no later pusher state is known yet
         self._pushers: deque[PusherSample] = deque()  # from the last judged frame on
-        self._stretch = _Stretch()
+        self._course = Course()
+        self._delays = Delays(), Delays()  # of the poses and of the pusher states
         self._partners = 0  # of the first of them, how many lie next to a frame of a push: 0, 1 or 2
         self._judged = -1  # stamp of the last judged frame [ns]
         self._taken = -1  # stamp of the frame that completed an observation before it was judged [ns]
@@ -256,65 +231,43 @@ class Trajectory:
         pose, state = self._poses.last, self._states.last
         return 0.0 if pose is None or state is None else (pose - state) / NANOSECONDS
 
-    @property
-    def events(self) -> list[Event]:
-        """Wild stamps and clocks that went back, so far."""
-        return self._poses.events + self._states.events
+    def ledger(self, planned: Planned | None = None, numbered: bool = True, ended: bool = True) -> Ledger:
+        """The account of all samples so far, if no more were to follow, and what the streams lack.
 
-    def ledger(self) -> Ledger:
-        """The account of all samples so far, if no more were to follow."""
+        Args:
+            planned: the plan of the pushes, if it is known.
+            numbered: numbers show that no message is missing.
+            ended: no more samples follow, so that what they end with is the end.
+        """
         ledger = Ledger()
         self._poses.close(ledger, POSES, self._states.last)
         self._states.close(ledger, STATES, self._poses.last)
         poses, states = ledger.accounts[POSES], ledger.accounts[STATES]
         poses.end(NO_PARTNER, sum(sample.stamp != self._taken for sample in self._waiting))
         poses.end(TOO_FEW, max(0, len(self._run) - self._entered))
-        stretch = self._stretch
         for number, state in enumerate(self._pushers):
-            fate = self._fate_of(state, number < self._partners, math.inf)
-            states.end(fate)
-            stretch = stretch.with_state(state, fate)
-        if unseen := stretch.with_state(None, "").unseen:
-            ledger.doubt(f"{counted(unseen, 'push has', 'pushes have')} pusher states for more than {SILENT:g} s, but no pose")
-        self._compare_ends(ledger, stretch)
+            states.end(self._fate_of(state, number < self._partners, math.inf))
+        for doubt in self._course.doubts(self._poses, self._states, self.config, planned, numbered, ended):
+            ledger.doubt(*doubt)
+        if (step := clock_step(*self._delays)) is not None:
+            late = "later" if step.size > 0 else "earlier"
+            text = f"the clocks step: from here on, poses are stamped {abs(step.size):.3f} s {late} against the pusher states"
+            ledger.doubt(DoubtCode.CLOCKS_STEP, text, step.received)
         return ledger
 
-    def _compare_ends(self, ledger: Ledger, stretch: "_Stretch") -> None:
-        """Note where one stream goes on without the other."""
-        poses, states = self._poses, self._states
-        if poses.first is None or poses.last is None or states.first is None or states.last is None:
-            return
-        for before, after in poses.leaps:
-            if after > states.last:
-                ledger.event(before, f"the stamps of the poses leap by {seconds(after - before)}, past the last pusher state")
-            for start, end in states.leaps:
-                if (both := min(after, end) - max(before, start)) > SILENT * NANOSECONDS:
-                    ledger.event(max(before, start), f"neither poses nor pusher states came for {seconds(both)}")
-        for before, after in states.leaps:
-            if after > poses.last:
-                ledger.event(before, f"the stamps of the pusher states leap by {seconds(after - before)}, past the last pose")
-        alone = counted_of(ledger.accounts[POSES].ended[NO_PARTNER], poses.account.received, POSES)
-        unseen = counted_of(ledger.accounts[STATES].ended[NOT_SEEN], states.account.received, STATES)
-        without = f"{alone} without pusher states on both sides", f"{unseen} of a push, but without a pose near it"
-        ends = (
-            (poses.last, stretch.last, SILENT, "the poses end {} before the last push does", without[1]),
-            (stretch.first, poses.first, SILENT, "the poses begin {} after the first push does", without[1]),
-            (states.last, poses.last, OUTLASTS, "the poses go on for {} after the last pusher state", without[0]),
-        )
-        for early, late, limit, text, lost in ends:
-            if early is not None and late is not None and late - early > limit * NANOSECONDS:
-                line = text.format(seconds(late - early))
-                ledger.event(early, line)
-                ledger.doubt(f"{line}: {lost}")
-
-    def add_pose(self, sample: PoseSample) -> list[Observation]:
+    def add_pose(self, sample: PoseSample, received: int | None = None) -> list[Observation]:
         """Take a pose and return the observations that became certain, often none. `Stream` says which poses count.
 
+        Args:
+            sample: the pose.
+            received: when it was received or recorded [ns]; it shows whether clocks step.
         Raises:
             ValueError: the pose is not finite.
         """
         if not all(map(math.isfinite, sample.pose)):
             raise ValueError(f"a pose must be finite, got {tuple(map(float, sample.pose))}")
+        if received is not None:
+            self._delays[0].add(sample.stamp, received)
         found = []
         for known in self._poses.take(sample):
             if len(self._waiting) == REMEMBERED:
@@ -323,13 +276,16 @@ class Trajectory:
             found += self._settle()
         return found
 
-    def add_pusher(self, sample: PusherSample) -> list[Observation]:
-        """Take a pusher state and return the observations that became certain.
+    def add_pusher(self, sample: PusherSample, received: int | None = None) -> list[Observation]:
+        """Take a pusher state, received as in `add_pose`, and return the observations that became certain.
 
         `Stream` says which states count. One with the stamp of the last does: it is the newer one where a clock stood still.
         """
+        if received is not None:
+            self._delays[1].add(sample.stamp, received)
         found = []
         for known in self._states.take(sample):
+            self._course.add(known)
             if len(self._pushers) == REMEMBERED:
                 self._leave(math.inf)
             self._pushers.append(known)
@@ -359,9 +315,7 @@ class Trajectory:
     def _leave(self, following: float) -> None:
         """The oldest pusher state is no longer needed; the frame after it has this stamp [ns]."""
         state = self._pushers.popleft()
-        fate = self._fate_of(state, self._partners > 0, following)
-        self._states.account.end(fate)
-        self._stretch = self._stretch.with_state(state, fate)
+        self._states.account.end(self._fate_of(state, self._partners > 0, following))
         self._partners = max(0, self._partners - 1)
 
     def _fate_of(self, state: PusherSample, partner: bool, following: float) -> str:

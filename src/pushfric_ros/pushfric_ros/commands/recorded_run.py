@@ -53,7 +53,7 @@ def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int
         model, settings, reading = _recorded(bag)
     except PushfricError as error:
         return [*said, f"the bag {bag} gives no estimate: {error}"]
-    said += reading.ledger.doubts
+    said += [one.text for one in reading.ledger.doubts]
     estimator = settings.new_estimator(model.support_points)
     # the node has reported the observations that it refused
     counts = (0, 0)
@@ -146,4 +146,4 @@ def _recorded(bag: pathlib.Path) -> "tuple[ObjectModel, EstimatorSettings, Readi
     from pushfric_core.bags.recorded import Recorded  # not before the run has ended: it would hold 10 MB meanwhile
 
     model, recorded = load_object(str(bag / OBJECT_FILE)), Recorded(bag)
-    return model, recorded.settings, recorded.read(model, recorded.settings, warn)
+    return model, recorded.settings, recorded.read(model, recorded.settings, lambda _: None)

@@ -35,7 +35,7 @@ from pushfric_core.files.object_file import ObjectModel, load_object
 from pushfric_core.geometry.frames import OBJECT
 from pushfric_core.reasons import ReasonCode
 from pushfric_core.report.ledger import sums_in_words
-from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STATES, WRENCHES, Event, Ledger
+from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STATES, WRENCHES, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.stream import OUTLASTS
@@ -213,7 +213,7 @@ class EstimatorNode(Node):
         self._refused = 0
         self._refused_messages: Counter[str] = Counter()  # by kind of the ledger
         self._made: list[Observation] = []  # of all pushes
-        self._noted: set[Event] = set()  # the log has them
+        self._noted: set[tuple[str, int]] = set()  # codes and stamps of the doubts that the log has
 
     def _estimate_anew(self) -> None:
         model, settings = self._object, self._settings
@@ -453,9 +453,10 @@ class EstimatorNode(Node):
 
     def _ledger(self) -> Ledger:
         """The account of every message so far."""
-        ledger = self._maker.ledger()
+        ledger = self._maker.ledger(ended=False)
         for kind, number in self._refused_messages.items():
             ledger.accounts[kind].enter(REFUSED, number)
+        ledger.doubt_refused()
         used = Counter(one.push_id for one in self._online.observations)
         made = Counter(one.push_id for one in self._made)
         ledger.settle(made, used, self._excluded, {one.push_id for one in self._verdict.rejected})
@@ -472,10 +473,14 @@ class EstimatorNode(Node):
                 "gap": solution.gap,
                 "status": estimate.status.value,
             }
-        values |= sums_in_words(self._ledger())
-        for event in sorted(set(self._maker.events) - self._noted):
-            self.get_logger().warning(event.text)
-        self._noted.update(self._maker.events)
+        ledger = self._ledger()
+        values |= sums_in_words(ledger)
+        if ledger.lines:
+            values["doubts"] = "; ".join(ledger.lines)
+        for doubt in ledger.doubts:
+            if (doubt.code, doubt.stamp) not in self._noted:
+                self.get_logger().warning(doubt.text)
+                self._noted.add((doubt.code, doubt.stamp))
         if self._maker.waiting is not None:
             values["observations without their force yet"] = self._maker.waiting
         if self._resumption is not None:
@@ -491,6 +496,8 @@ class EstimatorNode(Node):
             return Health(Level.WARN, self._maker.contradiction, values)
         if (apart := self._maker.apart) is not None:
             return Health(Level.WARN, tip_stays_away(apart), values)
+        if ledger.doubts:
+            return Health(Level.WARN, max(ledger.doubts, key=lambda one: one.stamp).text, values)
         if not self._verdict.use:
             # nobody need act while the first pushes are made
             begun = [one.code for one in self._verdict.reasons] == [ReasonCode.FEW_PUSHES]

@@ -1,0 +1,243 @@
+"""The pushes that a stream of pusher states tells of, and what it and the poses lack of them.
+
+Only stamps, ids, and where the tip was are needed. A pause of one stream is a doubt only where it lies in a push, because
+between pushes cameras are covered, and pushers at rest report seldom.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pushfric_core.trajectories.ledger import Doubt, DoubtCode
+from pushfric_core.trajectories.stream import LEAP, NANOSECONDS, OUTLASTS, Pause, Stream, seconds
+from pushfric_core.wording import counted
+
+if TYPE_CHECKING:
+    from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, TrajectoryConfig
+
+WAY = 0.005
+"""A tip that has gone no farther than this [m] while no state came has not pushed yet, or no longer pushes."""
+
+RESTS = 0.001
+"""A tip that is slower than this [m/s] rests."""
+
+SILENT = 1.0
+"""Pusher states may be missing for this long [s] within a push, because the tip moves evenly there."""
+
+COMMON = 2.0
+"""No push is shorter [s]: one may be missing where neither poses nor pusher states come for that long."""
+
+Observations = Callable[[int], int]
+"""About how many observations a time [ns] of pushing gives."""
+
+
+class Planned(NamedTuple):
+    """The plan, as far as it is known."""
+
+    begin: int | None  # index of its first push; None: others may have come before what is known
+    number: int  # of its pushes
+    left_out: Collection[int]  # ids of pushes that were skipped or given up
+
+
+@dataclass(slots=True)
+class Push:
+    """A push, by the pusher states with its id."""
+
+    push_id: int
+    first: "PusherSample"
+    last: "PusherSample"
+    before: "PusherSample | None"  # the state before the first one
+    after: "PusherSample | None" = None  # the state after the last one
+
+
+class Course:
+    """Collects the pushes.
+
+    Attributes:
+        pushes: in order of time.
+    """
+
+    def __init__(self) -> None:
+        self.pushes: list[Push] = []
+        self._first: PusherSample | None = None
+        self._last: PusherSample | None = None
+        self._tells_speed = False
+
+    def add(self, state: "PusherSample") -> None:
+        """Take the next state that counts."""
+        before, self._last = self._last, state
+        self._first = self._first or state
+        self._tells_speed |= state.speed != 0
+        if self.pushes and self.pushes[-1].after is None:
+            if state.push_id == self.pushes[-1].last.push_id:
+                self.pushes[-1].last = state
+                return
+            self.pushes[-1].after = state
+        if state.push_id is not None:
+            self.pushes.append(Push(state.push_id, state, state, before))
+
+    def doubts(
+        self,
+        poses: "Stream[PoseSample]",
+        states: "Stream[PusherSample]",
+        config: "TrajectoryConfig",
+        planned: Planned | None,
+        numbered: bool,
+        ended: bool,
+    ) -> Iterator[Doubt]:
+        """Doubts about what the streams lack of the pushes.
+
+        Args:
+            poses, states: the streams.
+            config: how poses become observations.
+            planned: the plan, if it is known.
+            numbered: numbers show that no message is missing: then the camera has dropped what is.
+            ended: no more samples follow. Until then, ids are not judged either: the plan may leave pushes out.
+        """
+        if poses.last is None or states.last is None:
+            return
+
+        def observations(time: int) -> int:
+            return max(1, round(time / (poses.usual * config.stride))) if poses.usual else 1
+
+        yield from self._of_poses(poses, config, observations, numbered, ended)
+        yield from self._of_states(states, observations, ended)
+        pauses = _common(poses.pauses, states.pauses)
+        for begin, end in pauses:
+            yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
+        if self.pushes and ended:
+            alone = [(poses.first or 0, states.first or 0)]  # poses that came before the states tell of pushes, too
+            pauses += [one for one in alone if one[1] - one[0] > SILENT * NANOSECONDS]
+            yield from self._of_ids(pauses, observations, planned)
+        if poses.last > states.last + OUTLASTS * NANOSECONDS:
+            text = f"the poses go on for {seconds(poses.last - states.last)} after the last pusher state"
+            yield Doubt(DoubtCode.STATES_MISSING, text, states.last)
+
+    def _of_poses(
+        self, stream: "Stream[PoseSample]", config: "TrajectoryConfig", observations: Observations, numbered: bool, ended: bool
+    ) -> Iterator[Doubt]:
+        """Where no pose came for a part of a push."""
+        assert stream.first is not None
+        assert stream.last is not None
+        pauses = [Pause(-(2**63), stream.first, stream.even), *stream.pauses]
+        pauses += [Pause(stream.last, 2**63, stream.even)] if ended else []
+        begins, ends = [one.first.stamp for one in self.pushes], [one.last.stamp for one in self.pushes]
+        dropped, since = 0, 0
+        for before, after, lost in pauses:
+            limit = (LEAP + 0.5) * stream.usual if lost else config.longest_gap * NANOSECONDS
+            touched = self.pushes[bisect_right(ends, before) : bisect_left(begins, after)]
+            times = [min(after, one.last.stamp) - max(before, one.first.stamp) for one in touched]
+            unseen = [(one.push_id, time) for one, time in zip(touched, times, strict=True) if time > limit]
+            if unseen:
+                time = sum(time for _, time in unseen)
+                text = f"no pose came for {seconds(time)} of {_named([push_id for push_id, _ in unseen])}"
+                stamp = max(before, touched[0].first.stamp)
+                yield Doubt(DoubtCode.POSES_MISSING, text, stamp, sum(observations(time) for _, time in unseen))
+            elif lost and touched:
+                dropped, since = dropped + max(0, round(max(times) / stream.usual) - 1), since or before
+        if dropped:
+            text = f"{counted(dropped, 'pose')} of pushes did not come, one or two at a time, as when a camera drops frames"
+            yield Doubt(DoubtCode.POSES_DROPPED, text, since, 0 if numbered else dropped // config.stride)
+
+    def _of_states(self, stream: "Stream[PusherSample]", observations: Observations, ended: bool) -> Iterator[Doubt]:
+        """Pushes whose beginning or end no state shows, and those with a pause."""
+        after_pause = {one.after for one in stream.pauses}
+        for push in self.pushes:
+            first, last, before, after, name = push.first, push.last, push.before, push.after, _named([push.push_id])
+            if before is None:
+                late = first.speed > RESTS
+            else:
+                late = first.stamp in after_pause and (_way(before, first) > WAY or abs(before.speed) > RESTS)
+            if late:
+                text = f"the beginning of {name} is missing: the tip moves already in its first pusher state"
+                yield Doubt(DoubtCode.NO_BEGINNING, text, first.stamp)
+            if after is None and ended:
+                yield Doubt(DoubtCode.NO_END, f"the end of {name} is missing: no pusher state follows", last.stamp)
+            elif after is not None and after.stamp in after_pause:
+                time = after.stamp - last.stamp
+                if (last.speed * time / NANOSECONDS if self._tells_speed else _way(last, after)) > WAY:
+                    text = f"the end of {name} is missing: the tip moves on, and no pusher state follows for {seconds(time)}"
+                    yield Doubt(DoubtCode.NO_END, text, last.stamp)
+        begins = [one.first.stamp for one in self.pushes]
+        for start, end, _ in stream.pauses:
+            rank = bisect_right(begins, start) - 1
+            if rank >= 0 and end <= self.pushes[rank].last.stamp and end - start > SILENT * NANOSECONDS:
+                text = f"no pusher state came for {seconds(end - start)} of {_named([self.pushes[rank].push_id])}"
+                yield Doubt(DoubtCode.STATES_MISSING, text, start, observations(end - start))
+        last_state = self._last
+        if ended and self.pushes and last_state is not None and last_state.push_id is None and abs(last_state.speed) > RESTS:
+            text = "the pusher moves in the last pusher state: others may be missing"
+            yield Doubt(DoubtCode.NO_END, text, last_state.stamp)
+
+    def _of_ids(
+        self, pauses: Sequence[tuple[int, int]], observations: Observations, planned: Planned | None
+    ) -> Iterator[Doubt]:
+        """Pushes that no state tells of, although others have come.
+
+        Where the streams begin together while the tip rests, and pause only later, the first push need not be that of a run.
+        """
+        usual = int(np.median([one.last.stamp - one.first.stamp for one in self.pushes]))
+        ids = [one.push_id for one in self.pushes]
+        first, begin = self._first, self.pushes[0].first.stamp
+        is_open = first is not None and abs(first.speed) <= RESTS and not any(start < begin for start, _ in pauses)
+        if is_open and ids[0] and (planned is None or planned.begin is None):
+            yield Doubt(DoubtCode.BEGINS_LATE, f"the pusher states begin with {_named(ids[:1])}", self.pushes[0].first.stamp)
+        for before, missing in _missing_ids(ids, planned, is_open):
+            stamp = max((one.last.stamp for one in self.pushes if one.push_id == before), default=self.pushes[0].first.stamp)
+            text = f"{_named(missing)} {'is' if len(missing) == 1 else 'are'} missing: the ids of the pushes jump"
+            yield Doubt(DoubtCode.PUSHES_MISSING, text, stamp, observations(usual) * len(missing))
+
+
+def _common(poses: Iterable[Pause], states: Iterable[Pause]) -> list[tuple[int, int]]:
+    """The times [ns] in which neither stream has samples, long enough for a push."""
+    streams = ([one for one in pauses if one.after - one.before > COMMON * NANOSECONDS] for pauses in (poses, states))
+    both = ((max(one.before, other.before), min(one.after, other.after)) for one, other in product(*streams))
+    return [(begin, end) for begin, end in both if end - begin > COMMON * NANOSECONDS]
+
+
+def _missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool) -> Iterator[tuple[int, list[int]]]:
+    """The ids that are missing from those of some pushes, each time with the one before them.
+
+    The id of a repeated push grows by the number of the plan's pushes, so that smaller ones follow. Where none follows, and the
+    plan is not known, the repeated push is taken for its last one. An id that comes again begins another run.
+
+    Args:
+        ids: at least one, in order of time.
+        planned: the plan, if it is known.
+        begins_open: without a plan, the first push need not be the first of a run.
+    """
+    begin, left_out = ids[0] - 1 if begins_open else -1, set[int]()
+    if planned is not None:
+        ids, left_out = [one % planned.number for one in ids], {one % planned.number for one in planned.left_out}
+        begin = (ids[0] if planned.begin is None else planned.begin) - 1
+    runs: list[list[int]] = [[begin]]
+    seen: set[int] = set()
+    for one in ids:
+        if one in seen and one != runs[-1][-1]:
+            runs.append([])
+            seen = set()
+        seen.add(one)
+        while runs[-1] and runs[-1][-1] >= one:
+            runs[-1].pop()
+        runs[-1].append(one)
+    for run in runs:
+        for before, after in pairwise(run):
+            missing = [one for one in range(before + 1, after) if one not in left_out]
+            repeated = planned is None and after == run[-1] and before > 0 and (after - before) % (before + 1) == 0
+            if missing and not repeated:
+                yield before, missing
+
+
+def _named(ids: Collection[int]) -> str:
+    """Pushes that follow each other, for people, who count from 1."""
+    first, last = min(ids) + 1, max(ids) + 1
+    return f"push {first}" if first == last else f"pushes {first} to {last}"
+
+
+def _way(one: "PusherSample", other: "PusherSample") -> float:
+    """How far the tip is in another state from where it was [m]."""
+    return float(np.hypot(*(other.tip - one.tip)))
