@@ -33,6 +33,7 @@ from pushfric_core.report.ledger import rows as ledger_rows
 from pushfric_core.report.page import Cell, Section, Table, number, page
 from pushfric_core.report.report import to_json
 from pushfric_core.report.story import RUN_PAGE, Change, Story, with_histogram
+from pushfric_core.trajectories.ledger import Doubt
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.wording import counted
@@ -91,11 +92,11 @@ def run_page(estimation: Estimation, file: pathlib.Path | None = None, namespace
 
 def model_of(estimation: Estimation) -> str:
     """The model to keep, as YAML under what is in doubt; empty if the data contradict themselves."""
-    doubts = "".join(f"# in doubt: {doubt}\n" for doubt in estimation.ledger.doubts)
+    doubts = "".join(f"# in doubt: {doubt.text}\n" for doubt in estimation.ledger.doubts)
     return doubts + as_yaml(estimation.to_model()) if estimation.result.contradiction is None else ""
 
 
-def _whole(story: Change, sections: str, doubts: Sequence[str]) -> str:
+def _whole(story: Change, sections: str, doubts: Sequence[Doubt]) -> str:
     """The page in one file, with its style, its modules, doubts on top, a story and more sections."""
 
     def read(name: str) -> str:
@@ -108,7 +109,7 @@ def _whole(story: Change, sections: str, doubts: Sequence[str]) -> str:
         '<link rel="stylesheet" href="style.css">': f"<style>\n{read('style.css')}</style>",
         'href="icon.svg"': f'href="{_inline("image/svg+xml", read("icon.svg").encode())}"',
         '  <script type="module" src="view.js"></script>\n': "",
-        "  <main>": "".join(f'<p class="doubt">✗ {html.escape(doubt)}</p>\n' for doubt in doubts) + "  <main>",
+        "  <main>": "".join(f'<p class="doubt">✗ {html.escape(doubt.text)}</p>\n' for doubt in doubts) + "  <main>",
         "  </main>": f"{sections}  </main>",
         "</body>": '<script type="application/json" id="story">'
         + to_json(story).replace("<", "\\u003c")
@@ -253,5 +254,13 @@ def _drawing(estimation: Estimation) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / "figure.svg"
         data, slipping = estimation.estimator.observations, estimation.settings.slipping
-        summary_figure(path, estimation.model.outline, estimation.course, data, None, slipping, estimation.ledger.doubts)
+        summary_figure(
+            path,
+            estimation.model.outline,
+            estimation.course,
+            data,
+            None,
+            slipping,
+            [one.text for one in estimation.ledger.doubts],
+        )
         return path.read_text()

@@ -85,6 +85,7 @@ class DoubtCode(StrEnum):
     PLAN_UNFINISHED = auto()
     NO_OBSERVATIONS = auto()
     RUN_DIFFERS = auto()
+    RUN_FAILED = auto()
 
 
 REMARKS = frozenset((DoubtCode.POSES_DROPPED, DoubtCode.BEGINS_LATE))

@@ -12,6 +12,7 @@ from pushfric_core.estimation.push_plan import index_of, number_of
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.files.whole_file import write_whole
+from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_core.wording import counted
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 
@@ -123,11 +124,11 @@ def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject |
         estimation = estimate_from(bag, Choices(partial=True), warn, whole_course=True)
         doubts = [*doubts, str(damage)]
     for doubt in doubts:
-        estimation.ledger.doubt(doubt)
+        estimation.ledger.doubt(DoubtCode.RUN_FAILED, doubt)
     write_whole(bag / REPORT_FILE, run_page(estimation, bag / REPORT_FILE))
     data, slipping = estimation.estimator.observations, estimation.settings.slipping
     outline, course = estimation.model.outline, estimation.course
-    summary_figure(bag / FIGURE_FILE, outline, course, data, known, slipping, estimation.ledger.doubts)
+    summary_figure(bag / FIGURE_FILE, outline, course, data, known, slipping, [one.text for one in estimation.ledger.doubts])
     if model := model_of(estimation):
         write_whole(bag / MODEL_FILE, model)
     return estimation
