@@ -63,7 +63,7 @@ FINE = 30
 
 CONTENDERS = {
     "half": "pushfric",
-    "few": f"pushfric, {FEW}",
+    "few": f"pushfric, {FEW} strokes",
     "uniform": "uniform",
     "ellipsoid": "its ellipsoid",
     "zhou_ellipsoid": "Zhou's ellipsoid",
