@@ -94,7 +94,7 @@ def known_support(points, weights):
 
 
 def model(support_points, w, mu_c, share, covariance):
-    made = pushfric_core.FrictionModel(support_points, w, mu_c, share, 0.1, covariance)
+    made = pushfric_core.FrictionModel(support_points, w, mu_c, share, 0.1, covariance=covariance)
     return (
         made,
         made.support,

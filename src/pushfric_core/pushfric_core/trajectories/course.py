@@ -104,8 +104,10 @@ class Course:
         def observations(time: int) -> int:
             return max(1, round(time / (poses.usual * config.stride))) if poses.usual else 1
 
-        yield from self._of_poses(poses, config, observations, numbered, ended)
-        yield from self._of_states(states, observations, ended)
+        # what was given up is left out, and need not be whole
+        pushes = [one for one in self.pushes if planned is None or one.push_id not in planned.left_out]
+        yield from self._of_poses(pushes, poses, config, observations, numbered, ended)
+        yield from self._of_states(pushes, states, observations, ended)
         pauses = _common(poses.pauses, states.pauses)
         for begin, end in pauses:
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
@@ -118,18 +120,24 @@ class Course:
             yield Doubt(DoubtCode.STATES_MISSING, text, states.last)
 
     def _of_poses(
-        self, stream: "Stream[PoseSample]", config: "TrajectoryConfig", observations: Observations, numbered: bool, ended: bool
+        self,
+        pushes: Sequence[Push],
+        stream: "Stream[PoseSample]",
+        config: "TrajectoryConfig",
+        observations: Observations,
+        numbered: bool,
+        ended: bool,
     ) -> Iterator[Doubt]:
         """Where no pose came for a part of a push."""
         assert stream.first is not None
         assert stream.last is not None
         pauses = [Pause(-(2**63), stream.first, stream.even), *stream.pauses]
         pauses += [Pause(stream.last, 2**63, stream.even)] if ended else []
-        begins, ends = [one.first.stamp for one in self.pushes], [one.last.stamp for one in self.pushes]
+        begins, ends = [one.first.stamp for one in pushes], [one.last.stamp for one in pushes]
         dropped, since = 0, 0
         for before, after, lost in pauses:
             limit = (LEAP + 0.5) * stream.usual if lost else config.longest_gap * NANOSECONDS
-            touched = self.pushes[bisect_right(ends, before) : bisect_left(begins, after)]
+            touched = pushes[bisect_right(ends, before) : bisect_left(begins, after)]
             times = [min(after, one.last.stamp) - max(before, one.first.stamp) for one in touched]
             unseen = [(one.push_id, time) for one, time in zip(touched, times, strict=True) if time > limit]
             if unseen:
@@ -143,10 +151,12 @@ class Course:
             text = f"{counted(dropped, 'pose')} of pushes did not come, one or two at a time, as when a camera drops frames"
             yield Doubt(DoubtCode.POSES_DROPPED, text, since, 0 if numbered else dropped // config.stride)
 
-    def _of_states(self, stream: "Stream[PusherSample]", observations: Observations, ended: bool) -> Iterator[Doubt]:
+    def _of_states(
+        self, pushes: Sequence[Push], stream: "Stream[PusherSample]", observations: Observations, ended: bool
+    ) -> Iterator[Doubt]:
         """Pushes whose beginning or end no state shows, and those with a pause."""
         after_pause = {one.after for one in stream.pauses}
-        for push in self.pushes:
+        for push in pushes:
             first, last, before, after, name = push.first, push.last, push.before, push.after, _named([push.push_id])
             if before is None:
                 late = first.speed > RESTS
@@ -162,11 +172,11 @@ class Course:
                 if (last.speed * time / NANOSECONDS if self._tells_speed else _way(last, after)) > WAY:
                     text = f"the end of {name} is missing: the tip moves on, and no pusher state follows for {seconds(time)}"
                     yield Doubt(DoubtCode.NO_END, text, last.stamp)
-        begins = [one.first.stamp for one in self.pushes]
+        begins = [one.first.stamp for one in pushes]
         for start, end, _ in stream.pauses:
             rank = bisect_right(begins, start) - 1
-            if rank >= 0 and end <= self.pushes[rank].last.stamp and end - start > SILENT * NANOSECONDS:
-                text = f"no pusher state came for {seconds(end - start)} of {_named([self.pushes[rank].push_id])}"
+            if rank >= 0 and end <= pushes[rank].last.stamp and end - start > SILENT * NANOSECONDS:
+                text = f"no pusher state came for {seconds(end - start)} of {_named([pushes[rank].push_id])}"
                 yield Doubt(DoubtCode.STATES_MISSING, text, start, observations(end - start))
         last_state = self._last
         if ended and self.pushes and last_state is not None and last_state.push_id is None and abs(last_state.speed) > RESTS:
