@@ -107,7 +107,8 @@ class Course:
         # what was given up is left out, and need not be whole
         pushes = [one for one in self.pushes if planned is None or one.push_id not in planned.left_out]
         yield from self._of_poses(pushes, poses, config, observations, numbered, ended)
-        yield from self._of_states(pushes, states, observations, ended)
+        # where no state is missing, one came late: the tip was where its neighbours say
+        yield from self._of_states(pushes, [] if numbered else states.pauses, observations, ended)
         pauses = _common(poses.pauses, states.pauses)
         for begin, end in pauses:
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
@@ -152,10 +153,10 @@ class Course:
             yield Doubt(DoubtCode.POSES_DROPPED, text, since, 0 if numbered else dropped // config.stride)
 
     def _of_states(
-        self, pushes: Sequence[Push], stream: "Stream[PusherSample]", observations: Observations, ended: bool
+        self, pushes: Sequence[Push], pauses: Sequence[Pause], observations: Observations, ended: bool
     ) -> Iterator[Doubt]:
         """Pushes whose beginning or end no state shows, and those with a pause."""
-        after_pause = {one.after for one in stream.pauses}
+        after_pause = {one.after for one in pauses}
         for push in pushes:
             first, last, before, after, name = push.first, push.last, push.before, push.after, _named([push.push_id])
             if before is None:
@@ -173,7 +174,7 @@ class Course:
                     text = f"the end of {name} is missing: the tip moves on, and no pusher state follows for {seconds(time)}"
                     yield Doubt(DoubtCode.NO_END, text, last.stamp)
         begins = [one.first.stamp for one in pushes]
-        for start, end, _ in stream.pauses:
+        for start, end, _ in pauses:
             rank = bisect_right(begins, start) - 1
             if rank >= 0 and end <= pushes[rank].last.stamp and end - start > SILENT * NANOSECONDS:
                 text = f"no pusher state came for {seconds(end - start)} of {_named([pushes[rank].push_id])}"
