@@ -34,7 +34,6 @@ from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PlanP
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
-from pushfric_ros.graph import supervisor as supervisor_module
 from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit.parameters import overrides
@@ -359,7 +358,8 @@ CLAIMS = r"""(of) => of && [...document.querySelectorAll(of)]
 def test_nothing_that_a_node_says_is_shown_beyond_its_age(browser, running, node, monkeypatch):
     """Also to a visitor who comes late."""
     url, supervisor = running
-    monkeypatch.setattr(supervisor_module, "STOPPED", 60.0)  # a stopped process would be taken for hung before it goes on
+    # a stopped process would be taken for hung before it goes on
+    monkeypatch.setattr("pushfric_ros.graph.supervisor.STOPPED", 60.0)
     late = contextlib.nullcontext() if node == "view" else visit(browser, url)
     with visit(browser, url) as page:
         row = page.locator(f'#nodes [data-node="node/{node}"]')

@@ -264,13 +264,18 @@ def predict(
     twists, modes, forces = moved.twists[:, -1], moved.modes[:, -1], moved.forces[:, -1]
     count = len(model.w)
     samples = Motions(moved.twists[:, :count], moved.modes[:, :count], moved.forces[:, :count])
-    scatter = _quantile(model.angles(samples.twists, twists[:, None]), model.share, SHARE)
     moves = modes != quasi_static.FREE
     off = np.where(moves, model.misfit * np.linalg.norm(as_array(tip_velocities), axis=-1), 0.0)
-    by_misfit = np.arctan2(off, np.linalg.norm(model.centered(twists), axis=-1))
-    spread = np.where(moves, np.minimum(np.hypot(scatter, by_misfit), np.pi), 0.0)
+    spread = np.where(moves, _spread(model, samples.twists, twists, off), 0.0)
     covariance = scattered(samples.twists, twists, model.share) + of_misfit(model, off)
     return Predictions(twists, tuple(MODES[mode] for mode in modes), forces, spread, samples, covariance)
+
+
+def _spread(model: FrictionModel, samples: Array, twists: Array, off: Array) -> Array:
+    """Angles (k,) about twists (k, 3) that hold 90 % of motions, by what the samples (k, s, 3) scatter and by `off` (k,)."""
+    scatter = _quantile(model.angles(samples, twists[:, None]), model.share, SHARE)
+    by_misfit = np.arctan2(off, np.linalg.norm(model.centered(twists), axis=-1))
+    return np.asarray(np.minimum(np.hypot(scatter, by_misfit), np.pi))
 
 
 def scattered(samples: Array, about: Array, share: Array) -> Array:
@@ -394,14 +399,9 @@ def foretold(model: FrictionModel, observations: Sequence[Observation]) -> Foret
     """Compare m >= 1 observations with what the mean friction foretells, as `predicted_twists` does."""
     measured = np.array([observation.twist for observation in observations])
     twists = predicted_twists(model.mean, observations)[:, 0]
-    scatter = _quantile(model.angles(predicted_twists(model, observations), twists[:, None]), model.share, SHARE)
-    by_misfit = np.arctan2(model.misfit * speeds(observations), np.linalg.norm(model.centered(twists), axis=-1))
-    return Foretold(model.angles(twists, measured), np.hypot(scatter, by_misfit))
-
-
-def speeds(observations: Sequence[Observation]) -> Array:
-    """Speeds (m,) of the tips, or of the contacts where no tip is known [m/s]."""
-    return np.array([math.hypot(*(one.tip_velocity or velocity_at(one.twist, one.contact_point))) for one in observations])
+    speeds = [math.hypot(*(one.tip_velocity or velocity_at(one.twist, one.contact_point))) for one in observations]
+    spreads = _spread(model, predicted_twists(model, observations), twists, model.misfit * np.array(speeds))
+    return Foretold(model.angles(twists, measured), spreads)
 
 
 def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) -> Array:

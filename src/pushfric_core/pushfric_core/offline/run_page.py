@@ -26,6 +26,7 @@ from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
+from pushfric_core.geometry.table_1 import TableObject
 from pushfric_core.mechanics.prediction import FrictionModel, foretold
 from pushfric_core.offline.estimation import Estimation
 from pushfric_core.report.figures import summary_figure, with_belief
@@ -253,14 +254,11 @@ def _table_of(estimation: Estimation) -> str:
 def _drawing(estimation: Estimation) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = pathlib.Path(folder) / "figure.svg"
-        data, slipping = estimation.estimator.observations, estimation.settings.slipping
-        summary_figure(
-            path,
-            estimation.model.outline,
-            estimation.course,
-            data,
-            None,
-            slipping,
-            [one.text for one in estimation.ledger.doubts],
-        )
+        draw(estimation, path)
         return path.read_text()
+
+
+def draw(estimation: Estimation, path: pathlib.Path, known: TableObject | None = None) -> None:
+    """The figure of a run under what is in doubt, with the truth if the object is known; raises as `summary_figure`."""
+    data, doubts = estimation.estimator.observations, [one.text for one in estimation.ledger.doubts]
+    summary_figure(path, estimation.model.outline, estimation.course, data, known, estimation.settings.slipping, doubts)

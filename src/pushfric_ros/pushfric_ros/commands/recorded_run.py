@@ -115,8 +115,7 @@ def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject |
     """
     from pushfric_core.bags.bag import DamagedBag  # not before the run has ended, as below
     from pushfric_core.offline.estimation import Choices, estimate_from
-    from pushfric_core.offline.run_page import model_of, run_page
-    from pushfric_core.report.figures import summary_figure
+    from pushfric_core.offline.run_page import draw, model_of, run_page
 
     try:
         estimation = estimate_from(bag, Choices(), warn, whole_course=True)
@@ -126,9 +125,7 @@ def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject |
     for doubt in doubts:
         estimation.ledger.doubt(DoubtCode.RUN_FAILED, doubt)
     write_whole(bag / REPORT_FILE, run_page(estimation, bag / REPORT_FILE))
-    data, slipping = estimation.estimator.observations, estimation.settings.slipping
-    outline, course = estimation.model.outline, estimation.course
-    summary_figure(bag / FIGURE_FILE, outline, course, data, known, slipping, [one.text for one in estimation.ledger.doubts])
+    draw(estimation, bag / FIGURE_FILE, known)
     if model := model_of(estimation):
         write_whole(bag / MODEL_FILE, model)
     return estimation
