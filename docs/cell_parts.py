@@ -148,7 +148,7 @@ def wiring() -> str:
         line("560 160V94", "power", arrow=True),
         text(568, 132, "power", "pale left"),
         line("480 187H440V80H410", "", arrow=True),
-        text(448, 132, "hold", "pale left"),
+        text(448, 132, "reset", "pale left"),
         *parts,
     )
 

@@ -282,6 +282,7 @@ def _converse(data: bytes, _: pathlib.Path) -> None:
 def _recall(data: bytes, folder: pathlib.Path) -> None:
     memory = PositionMemory(str(folder), "port")
     memory.keep(0.5)
+    memory.settle(60)
     (folder / "port.json").write_bytes(data)
     position = PositionMemory(str(folder), "port").recall()
     if position is None or np.isinf(position):

@@ -12,7 +12,7 @@ import pytest
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, parse_status
 from pushfric_core.pushers.pusher import Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
-from pushfric_core.pushers.serial_pusher import StatusReport
+from pushfric_core.pushers.serial_pusher import Held, StatusReport
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
@@ -429,6 +429,9 @@ def test_without_a_feed_field_positions_and_stamps_give_the_speed(peer):
 def test_a_pusher_that_brakes_is_not_said_to_rest(peer):
     """A busy controller answered twice in one moment: its speed was published as 0, and it went on by 0.3 mm."""
     pusher = connect(peer)
+    begin_move(pusher, peer)
+    peer.status = "<Hold:1|MPos:0.300,0.000,0.000|FS:0,0>"
+    pusher.stop()
     for second, x in ((1, 0.3), (2, 0.5), (3, 0.5)):
         peer.status = f"<Hold:1|MPos:{x:.3f},0.000,0.000|FS:0,0>"
         report = report_now(pusher, peer, second * 10**9)
@@ -451,7 +454,97 @@ def test_a_pusher_that_comes_to_rest_elsewhere(peer):
     pusher = connect(peer)
     begin_move(pusher, peer)
     peer.status = "<Idle|MPos:1.000,0.000,0.000|FS:0,0>"
-    fail(pusher, Timeout, "the pusher rests at 0.0010 m, was sent to 0.0015 m", peer)
+    fail(pusher, Held, "held at the controller, or a line was lost: the pusher rests at 0.0010 m, was sent to 0.0015 m", peer)
+    drive(pusher, lambda: not pusher.busy, peer)
+    refuses(pusher)
+
+
+def refuses(pusher: Grbl) -> None:
+    """Nothing moves until a person has confirmed where the pusher stands."""
+    with pytest.raises(NotReady, match="where the pusher stands is not known until it is recovered: "):
+        pusher.move_to(0.01, 0.01)
+
+
+PINS = {"D": "door", "H": "feed hold", "R": "reset", "E": "emergency stop", "M": "motor fault"}
+
+
+@pytest.mark.parametrize(
+    ("status", "why"),
+    [
+        ("<Hold:1|MPos:0.600,0.000,0.000|FS:600,0>", "it reports Hold"),
+        ("<Hold:0|MPos:0.600,0.000,0.000|FS:0,0>", "it reports Hold"),
+        ("<Door:2|MPos:0.600,0.000,0.000|FS:600,0>", "it reports Door"),
+        ("<Tool|MPos:0.600,0.000,0.000|FS:0,0>", "it reports Tool"),
+        ("<Jog|MPos:0.600,0.000,0.000|FS:1200,0|Pn:XY>", "its limit input Y became active"),
+        *((f"<Jog|MPos:0.600,0.000,0.000|FS:1200,0|Pn:P{pin}>", f"its {name} input is active") for pin, name in PINS.items()),
+    ],
+)
+def test_what_the_controller_does_by_itself_ends_a_stroke_for_good(peer, status, why):
+    """A feed hold in mid-push was ignored: the next jog went out, and the push ended as if nothing had been."""
+    peer.status = IDLE.replace(">", "|Pn:XP>")  # inputs that were active before, as of an axis without a switch
+    pusher = connect(peer)
+    assert pusher.doubt is None
+    begin_move(pusher, peer)
+    peer.heard, peer.status = b"", status
+    fail(pusher, Held, f"held at the controller: {why}", peer)
+    assert b"$J" not in peer.heard
+    peer.status = "<Idle|MPos:0.610,0.000,0.000|FS:0,0>"
+    drive(pusher, lambda: not pusher.busy, peer)
+    refuses(pusher)
+    assert pusher.doubt == f"held at the controller: {why}"
+    pusher.recover()
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert pusher.doubt is None
+
+
+def test_a_stroke_whose_pieces_were_discarded_is_not_continued(peer):
+    """A feed hold that no report shows: GRBL cancels the jogs, idles, and would take the next one."""
+    pusher = connect(peer)
+    pusher.move_to(0.03, 0.02)
+    peer.status = "<Jog|MPos:2.000,0.000,0.000|FS:1200,0>"
+    drive(pusher, lambda: pusher._last.position == 0.002, peer)
+    peer.status = "<Idle|MPos:2.400,0.000,0.000|FS:0,0>"
+    drive(pusher, lambda: pusher._status.state == "Idle", peer)
+    peer.heard = b""
+    fail(pusher, Held, "the pusher rests at 0.0024 m, was sent to 0.0", peer)
+    assert b"$J" not in peer.heard
+
+
+def test_a_controller_that_is_held_at_rest_asks_a_person(peer):
+    pusher = connect(peer)
+    peer.status = IDLE.replace(">", "|Pn:D>")
+    fail(pusher, Held, "held at the controller: its door input is active", peer)
+    drive(pusher, lambda: not pusher.busy, peer)
+    pusher.recover()
+    fail(pusher, Held, "its door input is active; release it, then reset", peer)
+    drive(pusher, lambda: not pusher.busy, peer)
+    peer.status = IDLE
+    drive(pusher, lambda: pusher._status.pins == "", peer)
+    refuses(pusher)
+    pusher.recover()
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert pusher.doubt is None
+
+
+def test_a_controller_found_held_is_not_believed(peer):
+    peer.status = IDLE.replace(">", "|Pn:R>")
+    pusher = connect(peer)
+    assert pusher.doubt == "held at the controller: its reset input is active"
+    pusher.close()
+    peer.status = IDLE.replace("Idle", "Door:1")
+    with pytest.raises(NotConnected, match="it reads nothing until it is released"):
+        connect(peer)
+
+
+def test_a_restart_at_rest_is_a_doubt_of_the_next_connection(peer):
+    """The reset input, or the supply: nobody knows what happened to the motor meanwhile."""
+    pusher = connect(peer)
+    peer.say(GREETING)
+    fail(pusher, NotConnected, "restarted", peer)
+    pusher.connect()
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert pusher.doubt == "the controller restarted by itself: its reset input, or its supply"
+    refuses(pusher)
 
 
 def test_motions_are_refused_when_not_idle(peer):

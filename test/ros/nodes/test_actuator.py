@@ -474,6 +474,7 @@ def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, ca
     memory = PositionMemory(str(tmp_path / "memory"), controller.port)
     controller._carriage, controller._offset = 10.0, 0.0
     memory.keep(0.010)
+    assert memory.settle(60) is None
     cell = Cell(ros, tmp_path / "port", memory=str(tmp_path / "memory")).ready()
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
     cell.wait_for_mode(PusherState.MODE_IDLE)
@@ -484,7 +485,9 @@ def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, ca
 
 @pytest.mark.parametrize("kept", [0.010, math.nan])
 def test_a_new_process_that_cannot_know_waits_for_a_person(ros, controller, tmp_path, capfd, kept):
-    PositionMemory(str(tmp_path / "memory"), controller.port).keep(kept)
+    memory = PositionMemory(str(tmp_path / "memory"), controller.port)
+    memory.keep(kept)
+    assert memory.settle(60) is None
     cell = Cell(ros, tmp_path / "port", memory=str(tmp_path / "memory"))
     cell.refuses(controller, capfd, UNVOUCHED)
     assert cell.reset().success

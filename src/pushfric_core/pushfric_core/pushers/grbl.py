@@ -7,7 +7,7 @@ override changes a jog, and a feed hold cancels it.
 import math
 
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.driver_states import Role
+from pushfric_core.pushers.driver_states import Phase, Role
 from pushfric_core.pushers.grbl_protocol import (
     ALARM,
     AXIS_SOFT_LIMITS,
@@ -28,8 +28,10 @@ from pushfric_core.pushers.serial_pusher import (
     ASKED_FOR_TWO_ALIKE,
     MM,
     MM_PER_MINUTE,
+    STATE_MODES,
     WIPED,
     Halted,
+    Held,
     Script,
     SerialPusher,
     StatusReport,
@@ -48,6 +50,7 @@ class Grbl(SerialPusher):
     """A Pusher: one linear axis of a GRBL 1.1 controller."""
 
     sign_of_life = "Ctrl-X in a terminal at that baud rate must bring a greeting"
+    _restarted = False  # by itself, in the last connection
 
     def _forget(self) -> None:
         super()._forget()
@@ -138,6 +141,7 @@ class Grbl(SerialPusher):
         if self._owed:
             self._owed -= 1
         else:
+            self._restarted = self._connected
             self._trouble = NotConnected(f"the controller at {self._path} restarted")
 
     def _take_offset(self, status: StatusReport) -> None:
@@ -164,7 +168,11 @@ class Grbl(SerialPusher):
         if status.state not in ("Idle", "Alarm"):
             if self._role is Role.LOOKS:
                 return
+            if self.doubt is None:  # otherwise it was this driver that held it
+                self._suspect(f"held at the controller: it reported {status.state} when it was found")
             yield from self._reset()  # nothing moves any more, and only now are lines read
+            if self._reported is Mode.HOLD:
+                raise NotConnected(f"held at the controller at {self._path}: it reads nothing until it is released")
         try:
             yield from self._command("$I")
         except Timeout:
@@ -183,6 +191,9 @@ class Grbl(SerialPusher):
         yield from self._ask_for_offset()
         self._plausibility.forget()  # now that the unit of reports is known
         yield from self._find_place()
+        if self._restarted:
+            self._suspect("the controller restarted by itself: its reset input, or its supply")
+            self._restarted = False
 
     def _hear(self) -> Script:
         """Wait for the greeting of a board that boots when its port is opened, or the answer of one that runs already."""
@@ -281,9 +292,13 @@ class Grbl(SerialPusher):
         settled = clock() + RESET_AGAIN
         while self._owed and clock() < settled:  # a second reset would wipe out what is sent now
             yield
-        if self._offset is not None:  # a reset ends shifts (G92) and may choose another coordinate system
+        status = yield from self._report()
+        if status.state not in STATE_MODES:  # it reads no line until it is released
+            if Phase.RECOVERING in self._state:
+                raise Held(f"held at the controller: {self._holding(status)}; release it, then reset")
+        elif self._offset is not None:  # a reset ends shifts (G92) and may choose another coordinate system
             yield from self._ask_for_offset()
-        yield from self._report()
+            yield from self._report()
 
     def _send_reset(self) -> None:
         self.send(RealTime.RESET)

@@ -5,15 +5,21 @@ import math
 import os
 import pathlib
 import urllib.parse
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 
 from pushfric_core.settings import AUTO
 
+RESOLUTION = 2e-5
+"""A pusher that rests is kept anew if it is farther than this from what was kept: positions of an arm tremble [m]."""
 LONGEST = 200
 """Number of characters of the file that are read; it holds one number."""
 
 
 class PositionMemory:
-    """Where a pusher rested, or that its position is unknown because it was moving or had lost it."""
+    """Where a pusher rested, or that its position is unknown because it was moving or had lost it.
+
+    A thread of its own writes it: a disk may take longer than a moving pusher may be left alone.
+    """
 
     def __init__(self, folder: str, place: str) -> None:
         """Nothing is read yet.
@@ -28,7 +34,9 @@ class PositionMemory:
             folder = str(pathlib.Path(state) / "pushfric")
         name = urllib.parse.quote(place, safe="")
         self._file = pathlib.Path(folder) / f"{name}.json" if folder else None
-        self._kept: float | None = None
+        self._kept: float | None = None  # or is about to be
+        self._disk = ThreadPoolExecutor(1, "memory")
+        self._writing: Future[None] | None = None
 
     def recall(self) -> float | None:
         """Where it rested [m]; NaN if that is not known; None if nothing was ever kept."""
@@ -47,10 +55,31 @@ class PositionMemory:
         return self._kept
 
     def keep(self, position: float) -> None:
-        """Keep where it rests [m]; NaN if it begins to move or its position is lost. Raises OSError."""
-        same = self._kept is not None and (self._kept == position or (math.isnan(self._kept) and math.isnan(position)))
-        if self._file is None or same:
+        """Have it kept where it rests [m]; NaN if it begins to move or its position is lost.
+
+        Where it rests is not kept while the disk is busy: call again.
+        """
+        kept, moves = self._kept, math.isnan(position)
+        same = kept is not None and (abs(kept - position) <= RESOLUTION or (math.isnan(kept) and moves))
+        if self._file is None or same or not (self.settled or moves):
             return
+        self._kept = position
+        self._writing = self._disk.submit(self._write, position)
+
+    @property
+    def settled(self) -> bool:
+        """Whether the disk has what was last to be kept, or has refused it."""
+        return self._writing is None or self._writing.done()
+
+    def settle(self, seconds: float) -> BaseException | None:
+        """Wait for the disk, at most so long; return why what was last to be kept was not."""
+        if self._writing is None or not wait((self._writing,), seconds).done:
+            return None
+        return self._writing.exception()
+
+    def _write(self, position: float) -> None:
+        """Raises OSError."""
+        assert self._file is not None
         self._file.parent.mkdir(parents=True, exist_ok=True)
         written = self._file.with_suffix(".new")
         with open(written, "w", encoding="utf-8") as file:
@@ -63,4 +92,3 @@ class PositionMemory:
             os.fsync(folder)  # the new name, too, outlasts a power cut
         finally:
             os.close(folder)
-        self._kept = position

@@ -76,6 +76,8 @@ MM_PER_MINUTE = MM / 60  # [m/s]
 STATE_MODES = {
     "Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM, "Sleep": Mode.ALARM,
 }  # fmt: skip
+INPUTS = {"D": "door", "H": "feed hold", "R": "reset", "E": "emergency stop", "M": "motor fault"}
+"""What a person, or the wiring, holds a controller with, by the letters of its reports."""
 
 
 class Refused(PusherError):
@@ -86,7 +88,11 @@ class Refused(PusherError):
 
 
 class Halted(PusherError):
-    """The controller stopped by itself and refuses to move."""
+    """The controller stopped by itself: it may have lost steps, and only a person says that it may go on."""
+
+
+class Held(Halted):
+    """An input of the controller, or somebody at it, stopped the pusher or keeps it from moving."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +176,8 @@ class SerialPusher(ABC):
         self._place: tuple[float, ...] | None = None  # of all axes in the last report
         self._still: tuple[float, ...] | None = None  # where the other axes must stay
         self._strayed = False  # whether the last report said that one of them had moved
+        self._held: str | None = None  # what holds the controller, unless it is this driver
+        self._limits = ""  # pins that were active when the stroke began
         self._awake = Wakefulness()
         self._latencies: deque[float] = deque(maxlen=9)  # of the last answers to ? [s]
         self._plausibility.forget()
@@ -387,6 +395,8 @@ class SerialPusher(ABC):
                 raise NotReady(f"the pusher's mode is {mode.value}, expected idle")
             raise NotReady(f"where the pusher stands is not known until it is recovered: {self.doubt}")
         assert self._last is not None
+        assert self._status is not None
+        self._limits = self._status.pins
         # a longer silence is allowed on a busy machine, to each piece
         ahead, wait = self._ahead * self._factor, max(0.0, self._silence - SerialSettings.silence)
         acceleration, latency = self.limits.acceleration, latency * self._factor
@@ -417,7 +427,7 @@ class SerialPusher(ABC):
             self._drop()
             raise
         except PusherError as error:
-            if isinstance(error, Jumped | LeftTheWay | TooFast | Suspended):
+            if isinstance(error, Halted | Jumped | LeftTheWay | TooFast | Suspended):
                 self._suspect(str(error))
             if self._connected and STOPPING.isdisjoint(self._state):
                 self.stop()
@@ -481,9 +491,25 @@ class SerialPusher(ABC):
         self._status, self._statuses, self._place, self._asked_last = status, self._statuses + 1, place, asked
         if status.overrides and status.overrides[0] != 100 and Phase.STREAMING in self._state:
             self._ensure_full_feed()
+        if self._role is Role.DRIVES and self._state & {Phase.RESTING, Phase.STREAMING}:
+            before, self._held = self._held, self._holding(status)
+            if self._held is not None and before is None:
+                self._trouble = self._trouble or Held(f"held at the controller: {self._held}")
         if report is not None:
             self._fresh = self._last = report._replace(mode=self.mode)
             self._believed += 1
+
+    def _holding(self, status: StatusReport) -> str | None:
+        """What keeps the controller from moving although this driver has not told it to, as far as a report says."""
+        if status.state not in STATE_MODES:
+            return f"it reports {status.state}"
+        for pin, name in INPUTS.items():
+            if pin in status.pins:
+                return f"its {name} input is active"
+        streams = Phase.STREAMING in self._state and status.state != "Alarm"
+        if streams and (reached := set(status.pins) & set(AXES) - set(self._limits)):
+            return f"its limit input {min(reached)} became active"
+        return None
 
     def _others_are_still(self, place: tuple[float, ...]) -> bool:
         """Whether the other axes are where they were; two reports in a row that they are not are the end of any motion."""
@@ -637,6 +663,11 @@ class SerialPusher(ABC):
             here = self._place if known and self._last is not None and not moves(status) else None
             if here is not None and here == before:
                 self._still, self._strayed = here, False
+                self._held = self._holding(status)
+                if self._held is not None and Phase.CONNECTING not in self._state:
+                    raise Held(f"held at the controller: {self._held}; release it, then reset")
+                if self._held is not None:
+                    self._suspect(f"held at the controller: {self._held}")
                 return
             before = here
 
@@ -653,8 +684,8 @@ class SerialPusher(ABC):
         assert self._stroke is not None
         stroke = self._stroke
         self._ensure_full_feed()
-        self._answer, began, waits = None, clock(), False
-        idle, seen, believed, patience = 0, self._statuses, self._believed, REFUSED_OFTEN
+        self._answer, began, waits, offered = None, clock(), False, False
+        idle, short, seen, believed, patience = 0, False, self._statuses, self._believed, REFUSED_OFTEN
         while True:
             now = clock()
             if self._pending is not None and (waited := now - self._sent_at) > self._silence:
@@ -664,28 +695,36 @@ class SerialPusher(ABC):
                 if not self._answer.passing or not patience:
                     raise self._answer
                 # a piece that arrives at the very end of the one before runs as an ordinary line, and blocks jogs until its end
-                self._answer, patience, waits = None, patience - 1, True
+                self._answer, patience, waits, offered = None, patience - 1, True, False
                 stroke.take_back()
+            if offered and self._pending is None:
+                stroke.accept(now)
+                offered = False
             if self._believed > believed:
                 believed = self._believed
+                assert self._status is not None
                 stroke.check(self._last.position, self._last.speed)
+                if self._status.feed is not None and stroke.is_slowed(self._last.position, self._last.speed, self._asked_last):
+                    raise Held(f"held at the controller: the pusher slowed down at {self._last.position:.4f} m")
             stroke.check_time(now - began)
             waits = waits and (self._status is None or self._status.state != "Idle" or self._statuses == seen)
-            if self._pending is None and not waits and (end := stroke.next_piece(self._last.position)) is not None:
-                self._send_line(self._piece(end, stroke.speed))
-                idle, seen = 0, self._statuses
-            elif self._pending is None and self._statuses > seen:
+            if self._pending is None and self._statuses > seen:
                 seen = self._statuses
                 assert self._status is not None
                 if self.mode is Mode.ALARM:  # the line with its number was lost
                     raise self._halted()
                 # right after its `ok` a controller may still report that it idles where it was
                 idle = idle + 1 if self._status.state == "Idle" else 0
-                if idle and stroke.all_sent and abs(self._last.position - stroke.target) <= self._resolution:
+                short = abs(self._last.position - stroke.sent) > self._resolution
+                if idle and stroke.all_sent and not short:
                     return
                 if idle >= self.idle_reports:
                     rests = f"the pusher rests at {self._last.position:.4f} m"
-                    raise Timeout(f"{rests}, was sent to {stroke.sent:.4f} m")
+                    raise Held(f"held at the controller, or a line was lost: {rests}, was sent to {stroke.sent:.4f} m")
+            stands = waits or (idle and short)
+            if self._pending is None and not stands and (end := stroke.next_piece(self._last.position)) is not None:
+                self._send_line(self._piece(end, stroke.speed))
+                idle, seen, offered = 0, self._statuses, True
             if now - self._last_ask >= ASK_MOVING:
                 self._ask(self._now_stamp)
             yield
@@ -741,4 +780,4 @@ class SerialPusher(ABC):
 
 def moves(status: StatusReport) -> bool:
     """Whether a controller that says this moves."""
-    return status.state in ("Run", "Jog", "Home") or (status.state, status.substate) == ("Hold", 1)
+    return status.state in ("Run", "Jog", "Home") or (status.state, status.substate) in (("Hold", 1), ("Door", 2), ("Door", 3))

@@ -7,6 +7,7 @@ are along the stroke, in m and m/s; times are those of the controller, in s.
 
 import math
 import statistics
+from collections import deque
 from collections.abc import Iterable
 
 from pushfric_core.pushers.pusher import LeftTheWay, PusherReport, Timeout, TooFast
@@ -19,6 +20,8 @@ FASTER, FASTER_BY = 1.2, 1e-3  # than asked: factor, and [m/s]
 REPORTS_TOO_FAST = 2  # in a row
 MIDDLE = (0.2, 0.8)  # of the way, where the ramps are over
 FEWEST_SPEEDS = 5
+PLANNED = 0.06  # a controller moves on through a new piece this long after it has accepted it [s]
+SLOWED, SLOWED_ROOM = 0.5, 0.2e-3  # of the greatest speed; and that far before the braking distance [m]
 LONGER, LONGER_BY = 4.0, 5.0  # than a stroke should take: factor, and [s]
 
 
@@ -58,6 +61,9 @@ class Stroke:
         self._sent = 0
         self._furthest = 0.0  # along the way
         self._too_fast = 0
+        self._acceleration = acceleration
+        self._accepted: deque[tuple[float, float]] = deque([(-math.inf, 0.0)])  # when, and up to where along the way
+        self._fastest = 0.0
         ramps = 2 * speed / acceleration
         self.longest = LONGER * (abs(way) / speed + ramps) + LONGER_BY + self._count * wait
         """The stroke may take this long [s]."""
@@ -88,6 +94,26 @@ class Stroke:
     def take_back(self) -> None:
         """The last piece was not accepted: it counts as not sent."""
         self._sent -= 1
+
+    def accept(self, now: float) -> None:
+        """The controller has accepted the last piece, by `now` [s]."""
+        self._accepted.append((now, self.forward * (self.sent - self.start)))
+
+    def is_slowed(self, position: float, speed: float, asked: float) -> bool:
+        """Whether a report shows that the pusher slows down although it knows that it goes on.
+
+        A feed hold of a moment, which no report shows, ends all pieces but one that arrives meanwhile.
+
+        Args:
+            position, speed: as reported [m], [m/s].
+            asked: when the report was requested [s].
+        """
+        self._fastest = max(self._fastest, abs(speed))
+        planned = asked - PLANNED - self._fastest / self._acceleration
+        while len(self._accepted) > 1 and self._accepted[1][0] <= planned:
+            self._accepted.popleft()
+        room = self._accepted[0][1] - self.forward * (position - self.start)
+        return abs(speed) < SLOWED * self._fastest and room > self._fastest**2 / (2 * self._acceleration) + SLOWED_ROOM
 
     def check(self, position: float, speed: float) -> None:
         """Judge a report.

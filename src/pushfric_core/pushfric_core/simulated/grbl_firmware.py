@@ -33,6 +33,7 @@ GROUPS: dict[str, dict[float, str]] = {
 }  # fmt: skip
 """Modal groups. Offsets, probing and arcs are missing: a line that asks for them is an unknown command, or lacks a centre."""
 OFFSETS = ["G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92"]
+HELD = {"Hold": 1, "Door": 2}  # what each reports while it brakes
 MOST_LINES, MOST_TOOLS = 10_000_000, 255
 WHOLE = {0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32}
 """Settings that are whole numbers."""
@@ -146,6 +147,8 @@ class SimulatedGrbl(SerialController):
                         self._resume()
                     case 0x18:
                         self._boot()
+                    case 0x84:
+                        self._open_door()
                     case 0x85:
                         self._cancel_jog()
                     case _ if byte in OVERRIDES:
@@ -166,7 +169,7 @@ class SimulatedGrbl(SerialController):
 
     def _report(self) -> str:
         carriage, speed = self._now()
-        substate = "" if self._state != "Hold" else ":1" if self._motion else ":0"
+        substate = "" if self._state not in HELD else f":{HELD[self._state] if self._motion else 0}"
         inches, mask = self._settings[13] != "0", int(self._settings[10])
         unit, digits = (INCH, 4) if inches else (1.0, 3)
         nowhere = f"{0:.{digits}f}"
@@ -275,6 +278,13 @@ class SimulatedGrbl(SerialController):
             self._state = "Run"
             self._set_out(self._clock())
 
+    def _open_door(self) -> None:
+        """As the safety door's input does; it is closed again at once."""
+        if self._state in ("Run", "Jog", "Hold", "Idle"):
+            self._plan.clear()
+            self._brake()
+            self._state, self._canceling = "Door", False
+
     def _cancel_jog(self) -> None:
         if self._state == "Jog" and not self._canceling:
             self._canceling = True
@@ -339,7 +349,7 @@ class SimulatedGrbl(SerialController):
 
     @property
     def _listens(self) -> bool:
-        return not self._deaf and not self._canceling and self._state not in ("Hold", "Home", "Sleep")
+        return not self._deaf and not self._canceling and self._state not in (*HELD, "Home", "Sleep")
 
     def _respond(self, code: int) -> None:
         if code >= 0:  # otherwise the answer has already been sent

@@ -6,6 +6,7 @@ whatever takes the commands ends it.
 """
 
 import math
+import os
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -192,6 +193,7 @@ class Arm:
             self._visit = visit(f"pushfric_arm_{id(self):x}")
             node, source = self._visit.node, self._config.open_source()
             self._command = self._open_command(node)
+            self.place = f"{self.name}{self._command.topic}@{os.environ.get('ROS_DOMAIN_ID', 0)}"
             self._take = taken(node, source)
         self._drain()  # what waited is old
         self._drop()

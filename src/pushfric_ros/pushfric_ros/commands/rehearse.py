@@ -125,7 +125,7 @@ def _outcomes(stage: Stage, kills: int, damage: int, seed: int) -> Iterator[Outc
 
 def line(outcome: Outcome) -> str:
     """The result of a fault, as a line of text."""
-    result = outcome.problem or "as it must be"
+    result = (outcome.problem or "as it must be") + tried(outcome)
     way = "" if outcome.travelled is None else f", {1e3 * outcome.travelled:.2f} mm"
     return f"{outcome.fault}: {result}{way}" + ("" if outcome.seconds is None else f" in {outcome.seconds:.2f} s")
 
@@ -138,8 +138,13 @@ def table(outcomes: list[Outcome]) -> Table:
     for outcome in outcomes:
         seconds = "" if outcome.seconds is None else f"{outcome.seconds:.2f} s"
         lengths = ["" if way is None else f"{1e3 * way:.1f} mm" for way in (outcome.travelled, outcome.allowed)]
-        shown.add_row(outcome.fault, seconds, *lengths, outcome.problem or "ok")
+        shown.add_row(outcome.fault, seconds, *lengths, (outcome.problem or "ok") + tried(outcome))
     return shown
+
+
+def tried(outcome: Outcome) -> str:
+    """How often a fault was tried, if its push ended before it."""
+    return f", at the {outcome.tries}. try" if outcome.tries > 1 else ""
 
 
 def distribution(outcomes: list[Outcome]) -> Table:

@@ -32,6 +32,9 @@ from pushfric_ros.node_kit.network import configured
 
 EXIT_INVALID_INPUT = 2
 
+URGENT, PATIENT = -10, 5
+"""Niceness of what watches over a motion, and of what can wait: pictures and pages."""
+
 WINDING_UP, LAST_WORDS = 5.0, 0.1
 """How long a node may take to wind up, and its last messages to leave [s]; `ros2 launch` kills a node after 10 s."""
 
@@ -60,7 +63,7 @@ def load_early() -> None:
     inspect.getmodule(sys._getframe())
 
 
-def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = False) -> NoReturn:
+def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = False, niceness: int = 0) -> NoReturn:
     """Make a node, spin it until SIGINT, SIGTERM or its own end, destroy it and leave.
 
     A name that another node has, bad parameters and unusable input (InvalidInput) end the process with one line and exit code
@@ -68,8 +71,11 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
     process by raising SystemExit in a callback, with an exit code, or with the line that says why it fails. A node that hangs
     is ended by SIGALRM after `HUNG`, and one that hangs at its end by SIGPROF or SIGALRM after `LAST_RESORT`. A node that
     `winds_up` has a method `wind_up`; after a signal it is called, while the node is still spun, until it returns True, so
-    that the node can report how it ended. A node that publishes `images` gets memory for them (`network.configured`).
+    that the node can report how it ended. A node that publishes `images` gets memory for them (`network.configured`). A
+    `niceness` below 0 is taken if the system allows it; doctor says whether it does.
     """
+    with contextlib.suppress(PermissionError):  # before there are threads, which inherit it
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
     # rclpy's own handlers run before these and end the spinning; a KeyboardInterrupt could strike anywhere.
     asked_to_stop: list[int] = []
     ending = False

@@ -68,12 +68,13 @@ from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.heartbeat import Listener
 from pushfric_ros.node_kit.parameters import declare
-from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.process import URGENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.stop_button import StopButton
 
 FIRST_RETRY, LAST_RETRY = 0.1, 5.0  # [s], as all below
 FORCE_SILENCE = 0.5
+DISK = 3.0  # a push waits this long for the disk
 GRACE = 3.0  # a port may appear this late without an error message; simulated time begins once a simulated port is there
 ROUNDING = 1e-5  # tolerance of positions [m]
 UNEVEN = 0.1  # a speed that varies by more than this is worth a note; a share of the mean
@@ -121,6 +122,7 @@ class ActuatorNode(LifecycleNode):
         self._needs = Needs.MISSING  # as last checked
         self._start_due = config.autostart
         self._report = PusherReport(0.0, 0.0, Mode.DISCONNECTED, None)  # the last one
+        self._reported = clock()  # when it came
         self._problem: PusherError | None = None
         self._lost_at: float | None = None  # where it rested when the connection was lost; NaN: it did not rest
         self._retry_at, self._retry_after = 0.0, FIRST_RETRY
@@ -167,6 +169,8 @@ class ActuatorNode(LifecycleNode):
     def destroy_node(self) -> None:
         """Stop the pusher before anything else ends."""
         self._pusher.close()
+        if self._memory is not None:
+            self._memory.settle(DISK)
         self._button.close()
         self._server.destroy()
         super().destroy_node()
@@ -276,7 +280,6 @@ class ActuatorNode(LifecycleNode):
     def _move(self, back: bool) -> None:
         assert self._push is not None
         push, config = self._push.goal.request, self._config
-        self._remember(moves=True)
         if back:
             self._push.travelled = self._travelled(self._push)
             self._pusher.move_to(self._push.start, min(config.retract_speed, config.max_speed))
@@ -344,6 +347,9 @@ class ActuatorNode(LifecycleNode):
         if lasted > config.max_time:
             why = f"the push took {lasted:.1f} s, more than max_time {config.max_time:g} s"
             return Needs.MISSING, PusherFault.TIME, why
+        if Task.WAITING in self._state and self._memory is not None and not self._memory.settled:
+            why = f"the disk took {lasted:.1f} s to keep that the pusher moves"
+            return Needs.AWAITED if lasted < DISK else Needs.MISSING, PusherFault.TIME, why
         if config.max_force and (unmeasured := now - self._forced) > FORCE_SILENCE:
             how_long = "yet" if math.isinf(unmeasured) else f"for {unmeasured:.2f} s, the limit is {FORCE_SILENCE:g} s"
             return Needs.MISSING, PusherFault.FORCE, f"no force was measured {how_long}"
@@ -396,10 +402,9 @@ class ActuatorNode(LifecycleNode):
             return
         rests = not moves and Position.KNOWN in self._state and not self._state & UNDER_WAY
         rests = rests and report.mode is Mode.IDLE and report.speed == 0
-        try:
-            self._memory.keep(report.position if rests else math.nan)
-        except OSError as error:
-            self.get_logger().warning(f"the pusher's position is not kept: {error}", once=True)
+        self._memory.keep(report.position if rests else math.nan)
+        if (problem := self._memory.settle(0.0)) is not None:
+            self.get_logger().warning(f"the pusher's position is not kept: {problem}", once=True)
 
     def _poll(self) -> None:
         if (who := self._button.pressed()) is not None:
@@ -435,7 +440,7 @@ class ActuatorNode(LifecycleNode):
     def _take(self, report: PusherReport) -> None:
         if self._report.mode is Mode.DISCONNECTED:
             self._on_connected(report)
-        self._report = report
+        self._report, self._reported = report, clock()
         self._publish(report)
         self._remember()
         if (push := self._push) is not None and self._state & UNDER_WAY:  # also while it waits: its client is not forgotten
@@ -508,7 +513,7 @@ class ActuatorNode(LifecycleNode):
 
     def _shown(self, mode: Mode) -> Mode:
         """The mode as others see it: idle means ready to move."""
-        if mode is not Mode.IDLE or self._state >= READY:
+        if mode not in (Mode.IDLE, Mode.HOLD) or (mode is Mode.IDLE and self._state >= READY):
             return mode
         return Mode.ALARM if self._lost_track else Mode.HOLD
 
@@ -547,6 +552,8 @@ class ActuatorNode(LifecycleNode):
             tip=Point(x=x + report.position * along_x, y=y + report.position * along_y),
             direction=Vector3(x=along_x, y=along_y),
             tip_radius=radius,
+            in_doubt=mode is Mode.DISCONNECTED or Position.KNOWN not in self._state or self._pusher.doubt is not None,
+            age=0.0 if report is self._report and report.mode is not Mode.DISCONNECTED else clock() - self._reported,
             push_id=self._push_id,
         )
         msg.header.stamp, msg.header.frame_id = stamp_to_msg(stamp), TABLE
@@ -631,6 +638,7 @@ class ActuatorNode(LifecycleNode):
         self._problem, self._fault = None, PusherFault.NONE
         self._push = UnderWay(goal, clock(), self._report.position, Future())
         self._on(Event.GOAL)
+        self._remember(moves=True)
         goal.execute()
 
     def _on_cancel(self, _: ServerGoalHandle) -> CancelResponse:
@@ -656,7 +664,7 @@ class ActuatorNode(LifecycleNode):
 
 
 def main() -> None:
-    run_node(ActuatorNode, winds_up=True)
+    run_node(ActuatorNode, winds_up=True, niceness=URGENT)
 
 
 if __name__ == "__main__":

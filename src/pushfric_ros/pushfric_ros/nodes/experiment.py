@@ -62,6 +62,9 @@ ALARM_PATIENCE = 5.0
 """An alarm of the pusher that lasts this long ends a run that nobody attends; while it homes, one may come and go [s of wall
 time]."""
 
+REPEATS = 2
+"""A push that a pause ended is repeated this often without asking."""
+
 LAST_WORDS = 20.0
 """The node ends this long after its plan, even if a listener has not acknowledged what it last said, or the estimator has not
 processed what it has seen [s of wall time]."""
@@ -191,7 +194,7 @@ class ExperimentNode(Node):
 
     async def _push(self, index: int, push: PlannedPush) -> None:
         """Carry out a push, and again for as long as it is aborted and a person wants it repeated."""
-        progress = self._progress
+        progress, again = self._progress, 0
         for push_id in itertools.count(index, self._count):
             progress.push_id, progress.in_place = push_id, False
             if self._choice is not Choice.END:
@@ -204,6 +207,12 @@ class ExperimentNode(Node):
             self.get_logger().warning(f"push {number_of(push_id, self._count)} aborted: {problem}")
             self._awaited.renew()
             self._unwanted.append(push_id)
+            if again < REPEATS and self._choice is None and await self._stood_still():
+                again += 1
+                self.get_logger().warning(
+                    f"push {number_of(push_id, self._count)} is repeated: the pusher rests where it should"
+                )
+                continue
             if self._choice is None and not self._begin.attended:
                 progress.aborted += 1
                 return
@@ -224,6 +233,14 @@ class ExperimentNode(Node):
             self._report(PlanProgress.PHASE_CHOOSING, f"{push}. Repeat it, skip it, or end the run?")
             await self._until(lambda: self._choice is not None)
         self._awaits_choice = False
+
+    async def _stood_still(self) -> bool:
+        """Whether the push was given up for a pause alone, of the computer or of the controller, and nothing is in doubt."""
+        since = time.monotonic()
+        await self._until(
+            lambda: self._hindrance() in (None, IN_ALARM, WAS_STOPPED) or time.monotonic() - since > ALARM_PATIENCE
+        )
+        return self._hindrance() is None and self._fault == PusherFault.TIME.value
 
     def _hindrance_to_choice(self) -> str | None:
         return self._hindrance() if self._choice is None else None

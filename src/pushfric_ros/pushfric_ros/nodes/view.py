@@ -30,7 +30,7 @@ from pushfric_ros.messages.conversions import pose_to_msg, report_from_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
-from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.process import PATIENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_DATA
 from pushfric_ros.view import present
 from pushfric_ros.view.server import Answer, Request, Server
@@ -209,7 +209,7 @@ def _announced() -> ViewNode:
 
 
 def main() -> None:
-    run_node(_announced)
+    run_node(_announced, niceness=PATIENT)
 
 
 if __name__ == "__main__":

@@ -49,6 +49,7 @@ class Outcome(NamedTuple):
     travelled: float | None  # distance after the fault [m]
     allowed: float | None  # largest distance allowed [m]
     problem: str | None  # what was wrong; None: nothing
+    tries: int = 1  # the pushes before ended before their fault
 
 
 S_contra = TypeVar("S_contra", bound=Stage, contravariant=True)
@@ -78,12 +79,12 @@ def rehearse(stage: S_contra, faults: Iterable[Fault[S_contra]]) -> Iterator[Out
     A fault is tried again if its push ended before, but not for ever.
     """
     for fault in faults:
-        for _ in range(TRIES):
+        for tries in range(1, TRIES + 1):
             try:
-                outcome = _rehearsed(stage, fault)
+                outcome = _rehearsed(stage, fault)._replace(tries=tries)
                 break
             except EndedEarly as error:
-                outcome = Outcome(fault.name, None, None, None, str(error))
+                outcome = Outcome(fault.name, None, None, None, str(error), tries)
         yield outcome
 
 
@@ -378,6 +379,18 @@ def found_moving(stage: GrblStage) -> float:
     return asked[0]
 
 
+def at_the_controller(byte: bytes) -> Callable[[GrblStage], float]:
+    """Have an input of the controller end the push; the byte does what the input does."""
+
+    def bring_about(stage: GrblStage) -> float:
+        stage.under_way()
+        begin = time.monotonic()
+        stage.line.tell_controller(byte)
+        return begin
+
+    return bring_about
+
+
 def move_alone(stage: GrblStage) -> None:
     """Send one line as another program would: over the whole reach, slowly, in millimetres whatever the modes are."""
     slow = min(stage.given.speed, stage.reach / ALONE)
@@ -522,5 +535,7 @@ FAULTS: tuple[Fault[GrblStage], ...] = (
     Fault("all answers come 80 ms late", late_answers),
     Fault("a wrong digit in a report", report_damaged, check=published_nonsense),
     Fault("the doctor looks at a moving controller", looked_at),
+    Fault("the controller's door input opens", at_the_controller(b"\x84"), check=waits_for_a_person),
+    Fault("the controller's reset input is pressed", at_the_controller(b"\x18"), check=waits_for_a_person),
 )
 """The rows that the GRBL driver must pass, too."""

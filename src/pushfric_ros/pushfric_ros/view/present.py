@@ -42,6 +42,8 @@ def pusher(msg: PusherState) -> Change:
             "tip": [msg.tip.x, msg.tip.y],
             "direction": [msg.direction.x, msg.direction.y],
             "radius": msg.tip_radius,
+            "in_doubt": msg.in_doubt,
+            "age": msg.age,
             "push": None if msg.push_id == PusherState.NO_PUSH else msg.push_id,
         }
     }

@@ -121,15 +121,22 @@ function drawnEllipse([[xx, xy], [, yy]], u, v, scale, kind) {
   return made("ellipse", { class: `ellipse${kind}`, cx: u, cy: v, rx: radii[0], ry: radii[1], transform: `rotate(${turned} ${u} ${v})` });
 }
 
+/** The tip; one that may be elsewhere is hollow, and says so. */
+function tipMark(pusher, [u, v], scale) {
+  const radius = Math.max(4, pusher.radius * scale), circle = { class: `tip${pusher.in_doubt ? " doubted" : ""}`, cx: u, cy: v, r: radius };
+  const said = pusher.age > 1 ? `in doubt, reported ${pusher.age.toFixed(0)} s ago` : "in doubt";
+  return [made("circle", circle), ...(pusher.in_doubt ? [made("text", { x: u + radius + 5, y: v + 4 }, said)] : [])];
+}
+
 /** The pushing line and the tip, from the table into the object's frame. */
 export function drawPusher(svg, outline, { pose, pusher }) {
   const parts = [];
   if (pose && pusher && outline.length) {
     const { to, scale } = ownFrame(svg, outline);
     const tip = turned([pusher.tip[0] - pose[0], pusher.tip[1] - pose[1]], -pose[2]), along = turned(pusher.direction, -pose[2]);
-    const reach = WIDTH / scale, [u, v] = to(tip);
+    const reach = WIDTH / scale;
     parts.push(made("path", { class: "line", d: path([-reach, reach].map((far) => to([tip[0] + far * along[0], tip[1] + far * along[1]]))) }));
-    parts.push(made("circle", { class: "tip", cx: u, cy: v, r: Math.max(4, pusher.radius * scale) }));
+    parts.push(...tipMark(pusher, to(tip), scale));
   }
   svg.querySelector(".pusher")?.replaceChildren(...parts);
 }
@@ -172,8 +179,7 @@ export function drawMap(svg, story, trail = []) {
   });
   if (home) {
     parts.push(made("path", { class: "line", d: path(stroke.map(to)) }));
-    const [u, v] = to(pusher.tip);
-    parts.push(made("circle", { class: "tip", cx: u, cy: v, r: Math.max(4, pusher.radius * scale) }));
+    parts.push(...tipMark(pusher, to(pusher.tip), scale));
   }
   if (pose) parts.unshift(made("path", { class: "outline", d: path(object.map(to), true) }));
   axes([0, 0, 0], " table");

@@ -27,7 +27,7 @@ from pushfric_core.vision.frame_source import TOPICS
 from pushfric_ros.commands.doctor.camera import Watched, check_camera, check_exposure, check_stamps, watch
 from pushfric_ros.commands.doctor.discovery import check_discovery, check_multicast
 from pushfric_ros.commands.doctor.interfaces import check_build
-from pushfric_ros.commands.doctor.machine import check_clock, check_disk, check_packages, check_ros
+from pushfric_ros.commands.doctor.machine import check_clock, check_disk, check_packages, check_priority, check_ros
 from pushfric_ros.commands.doctor.scene import check_calibration, check_object, check_plan
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.lock import lock
@@ -53,6 +53,7 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
     yield check_packages()
     yield check_build()
     yield check_clock()
+    yield check_priority()
     yield check_disk(bags)
     progress("discovery")
     yield check_discovery()

@@ -1,14 +1,17 @@
 """The computer: ROS 2, the Python packages, the clock and the disk."""
 
 import ctypes
+import getpass
 import os
 import pathlib
+import resource
 import shutil
 import sys
 import time
 
 from pushfric_core.commands import dependencies
 from pushfric_core.pushers.check import Check, Grade
+from pushfric_ros.node_kit.process import URGENT
 from pushfric_ros.node_kit.visit import middleware
 
 TRIED_DISTROS, TRIED_RMW = ("jazzy", "kilted"), "rmw_fastrtps_cpp"
@@ -51,6 +54,17 @@ def check_clock() -> Check:
         advice = "nothing to do for a cell on one computer; for more: sudo timedatectl set-ntp true, or chrony"
         return Check("clock", Grade.WARNING, f"{said}, but nothing synchronises it", advice)
     return Check("clock", Grade.OK, f"{said}, synchronised")
+
+
+def check_priority() -> Check:
+    """Whether the actuator may run before other processes of this computer."""
+    least = 20 - resource.getrlimit(resource.RLIMIT_NICE)[0]
+    if os.geteuid() == 0 or least <= URGENT:
+        return Check("priority", Grade.OK, f"the actuator takes niceness {URGENT}")
+    advice = f"add `{getpass.getuser()} - nice {URGENT}` to /etc/security/limits.conf, then log in again"
+    return Check(
+        "priority", Grade.WARNING, "the actuator may not run before other processes: a busy computer ends pushes", advice
+    )
 
 
 def clock_state() -> int:
