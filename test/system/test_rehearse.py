@@ -30,6 +30,8 @@ QUICK = {
     "a wrong digit in a report",
     "another axis is reported to move",
     "a wrong digit in the first work offset",
+    "the controller's door input opens",
+    "the controller's reset input is pressed",
 }
 
 

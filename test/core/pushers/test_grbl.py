@@ -510,6 +510,20 @@ def test_a_stroke_whose_pieces_were_discarded_is_not_continued(peer):
     assert b"$J" not in peer.heard
 
 
+def test_a_jog_that_stands_still_is_held(peer):
+    """On grblHAL, a door that opens at the end of a jog leaves the state Jog, for ever."""
+    pusher = connect(peer, silence=0.2)
+    begin_move(pusher, peer)
+    fail(pusher, Held, "the pusher stands still at 0.0005 m", peer)
+    drive(pusher, lambda: not pusher.busy, peer)
+    peer.status = IDLE.replace("0.000", "0.500", 1)
+    pusher.recover()
+    drive(pusher, lambda: not pusher.busy, peer)
+    begin_move(pusher, peer)
+    peer.say("[MSG:Check Door]\r\n")
+    fail(pusher, Held, 'held at the controller: it says "Check Door"', peer)
+
+
 def test_a_controller_that_is_held_at_rest_asks_a_person(peer):
     pusher = connect(peer)
     peer.status = IDLE.replace(">", "|Pn:D>")

@@ -14,6 +14,7 @@ from pushfric_core.pushers.grbl_protocol import (
     BUILD,
     ERROR,
     GREETING,
+    HOLDS,
     MODES,
     PARAMETER,
     SETTING,
@@ -123,6 +124,8 @@ class Grbl(SerialPusher):
         elif (alarm := ALARM.fullmatch(line)) is not None:
             self._status = StatusReport("Alarm")
             self._trouble = self._trouble or Alarm(int(alarm[1]))  # a restart may bring an alarm of its own
+        elif (held := HOLDS.match(line)) is not None:
+            self._hear_of_hold(f'it says "{held[1]}"')
         elif (build := BUILD.match(line)) is not None:
             self._version = f"Grbl {build[1]}"
         elif (setting := SETTING.match(line)) is not None and self._pending == "$$":

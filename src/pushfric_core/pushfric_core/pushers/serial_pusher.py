@@ -60,6 +60,7 @@ ASK_EVERY = 0.05  # while a script waits for reports
 ASK_MOVING = 0.025  # in a stroke
 ASK_AGAIN = 0.25  # a question that was not answered
 ASK_AGAIN_MOVING = 0.06
+STANDS = 1.0  # a pusher that stands still in mid-stroke
 SILENCE = 2.0  # at rest, unless the setting silence allows more
 CLOSE_TIMEOUT = 2.0
 LONGEST_LINE = 4096  # [bytes]
@@ -491,13 +492,17 @@ class SerialPusher(ABC):
         self._status, self._statuses, self._place, self._asked_last = status, self._statuses + 1, place, asked
         if status.overrides and status.overrides[0] != 100 and Phase.STREAMING in self._state:
             self._ensure_full_feed()
-        if self._role is Role.DRIVES and self._state & {Phase.RESTING, Phase.STREAMING}:
-            before, self._held = self._held, self._holding(status)
-            if self._held is not None and before is None:
-                self._trouble = self._trouble or Held(f"held at the controller: {self._held}")
+        self._hear_of_hold(self._holding(status))
         if report is not None:
             self._fresh = self._last = report._replace(mode=self.mode)
             self._believed += 1
+
+    def _hear_of_hold(self, why: str | None) -> None:
+        """Take what the controller says it is held by, unless this driver holds it; it counts once."""
+        if self._role is Role.DRIVES and self._state & {Phase.RESTING, Phase.STREAMING}:
+            before, self._held = self._held, why
+            if why is not None and before is None:
+                self._trouble = self._trouble or Held(f"held at the controller: {why}")
 
     def _holding(self, status: StatusReport) -> str | None:
         """What keeps the controller from moving although this driver has not told it to, as far as a report says."""
@@ -685,6 +690,7 @@ class SerialPusher(ABC):
         stroke = self._stroke
         self._ensure_full_feed()
         self._answer, began, waits, offered = None, clock(), False, False
+        moved, place = began, self._last.position
         idle, short, seen, believed, patience = 0, False, self._statuses, self._believed, REFUSED_OFTEN
         while True:
             now = clock()
@@ -702,10 +708,14 @@ class SerialPusher(ABC):
                 offered = False
             if self._believed > believed:
                 believed = self._believed
+                if self._last.position != place:
+                    moved, place = now, self._last.position
                 assert self._status is not None
                 stroke.check(self._last.position, self._last.speed)
                 if self._status.feed is not None and stroke.is_slowed(self._last.position, self._last.speed, self._asked_last):
                     raise Held(f"held at the controller: the pusher slowed down at {self._last.position:.4f} m")
+            if now - moved > max(STANDS, self._silence):
+                raise Held(f"held at the controller: the pusher stands still at {place:.4f} m")
             stroke.check_time(now - began)
             waits = waits and (self._status is None or self._status.state != "Idle" or self._statuses == seen)
             if self._pending is None and self._statuses > seen:

@@ -20,8 +20,9 @@ FASTER, FASTER_BY = 1.2, 1e-3  # than asked: factor, and [m/s]
 REPORTS_TOO_FAST = 2  # in a row
 MIDDLE = (0.2, 0.8)  # of the way, where the ramps are over
 FEWEST_SPEEDS = 5
-PLANNED = 0.06  # a controller moves on through a new piece this long after it has accepted it [s]
-SLOWED, SLOWED_ROOM = 0.5, 0.2e-3  # of the greatest speed; and that far before the braking distance [m]
+PLANNED = 0.03  # a controller reckons with a new piece this long after it has accepted it [s]
+FORESEEN = 0.12  # controllers report the speed of steps that they prepare, at most this long before they take them [s]
+SLOWED = 0.5  # of the greatest speed
 LONGER, LONGER_BY = 4.0, 5.0  # than a stroke should take: factor, and [s]
 
 
@@ -100,9 +101,9 @@ class Stroke:
         self._accepted.append((now, self.forward * (self.sent - self.start)))
 
     def is_slowed(self, position: float, speed: float, asked: float) -> bool:
-        """Whether a report shows that the pusher slows down although it knows that it goes on.
+        """Whether a report shows that the pusher slows down although its controller knows that it goes on.
 
-        A feed hold of a moment, which no report shows, ends all pieces but one that arrives meanwhile.
+        A feed hold of a moment, which no report shows, discards all pieces but one that arrives meanwhile.
 
         Args:
             position, speed: as reported [m], [m/s].
@@ -113,7 +114,8 @@ class Stroke:
         while len(self._accepted) > 1 and self._accepted[1][0] <= planned:
             self._accepted.popleft()
         room = self._accepted[0][1] - self.forward * (position - self.start)
-        return abs(speed) < SLOWED * self._fastest and room > self._fastest**2 / (2 * self._acceleration) + SLOWED_ROOM
+        needed = FORESEEN * self._fastest + self._fastest**2 / (2 * self._acceleration)
+        return not self.all_sent and abs(speed) < SLOWED * self._fastest and room > needed
 
     def check(self, position: float, speed: float) -> None:
         """Judge a report.
