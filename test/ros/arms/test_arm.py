@@ -153,7 +153,9 @@ def test_an_arm_that_is_not_seen_is_stopped(ros, device, example):
         until(pusher, lambda report: report.position > 0.005)
         device._count = -(10**9) * example.POSES + 1  # no more poses
         device._publish = lambda *_: None
-        with pytest.raises(NotConnected, match=r"no pose of /base_link/tool0 for 0\.\d\d s"):
+        with pytest.raises(Timeout, match=r"no pose of /base_link/tool0 for 0\.\d\d s"):
+            until(pusher, lambda _: False)
+        with pytest.raises(NotConnected, match=r"no pose of /base_link/tool0 for 1\.\d\d s"):
             until(pusher, lambda _: False)
         assert (pusher.mode, pusher.busy) == (Mode.DISCONNECTED, False)
         at_rest(ros, device, example)

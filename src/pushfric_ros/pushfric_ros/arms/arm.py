@@ -50,7 +50,7 @@ from pushfric_ros.node_kit.bodies import taken
 from pushfric_ros.node_kit.visit import Visit, visit
 
 CONNECT = 5.0  # the first pose, and whoever takes the commands, may take this long [s]
-AT_REST = 1.0  # nothing is lost if poses of an arm at rest fail to come for this long [s]
+UNSEEN = 1.0  # an arm that rests or stops is lost if it shows no pose for this long [s]
 DEAD_MAN = 0.25  # the arm must stop this long after the last command [s]
 WINDOW = 0.1  # speeds are measured over this long [s]
 STILL = 5e-4  # a tip that is slower than this rests [m/s]
@@ -322,8 +322,9 @@ class Arm:
         self._awake.check()
         if self._stroke is not None and gap > self._config.silence:
             raise Timeout(f"this process stood still for {gap:.2f} s")
-        if now - self._heard > max(self._config.silence, 0.0 if self.busy else AT_REST):
-            raise NotConnected(f"no pose of {self.name} for {now - self._heard:.2f} s")
+        if (unseen := now - self._heard) > (self._config.silence if self._stroke else max(self._config.silence, UNSEEN)):
+            said = f"no pose of {self.name} for {unseen:.2f} s"
+            raise Timeout(said) if self._stroke else NotConnected(said)
         if self._stroke is None:
             return
         self._stroke.check_time(now - self._began)
