@@ -556,6 +556,7 @@ def test_a_restart_at_rest_is_a_doubt_of_the_next_connection(peer):
     peer.say(GREETING)
     fail(pusher, NotConnected, "restarted", peer)
     pusher.connect()
+    peer.say(GREETING)
     drive(pusher, lambda: not pusher.busy, peer)
     assert pusher.doubt == "the controller restarted by itself: its reset input, or its supply"
     refuses(pusher)

@@ -1,12 +1,38 @@
 """What tells one serial device from another."""
 
+import math
 import os
 import types
 
 import pytest
 
 from pushfric_core.pushers import serial_port
+from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.serial_port import identity_of
+
+
+def test_a_position_that_trembles_is_not_written_again(tmp_path):
+    """239 times in 6 s, with 2 um of noise, inside the loop that watches over the motion."""
+    memory = PositionMemory(str(tmp_path), "port")
+    file = tmp_path / "port.json"
+    memory.keep(0.01)
+    assert memory.settle(60) is None
+    first = file.stat().st_ino
+    for tremble in (2e-6, -2e-6, 1.9e-5):
+        memory.keep(0.01 + tremble)
+        assert memory.settle(60) is None
+    assert file.stat().st_ino == first
+    memory.keep(math.nan)
+    assert memory.settle(60) is None
+    assert math.isnan(PositionMemory(str(tmp_path), "port").recall())
+
+
+def test_a_disk_that_refuses_is_said_and_holds_nothing_up(tmp_path):
+    (tmp_path / "file").write_text("")
+    memory = PositionMemory(str(tmp_path / "file"), "port")
+    memory.keep(0.01)
+    assert isinstance(memory.settle(60), OSError)
+    assert memory.settled
 
 
 def test_every_link_to_a_port_leads_to_the_same_device(tmp_path):

@@ -590,19 +590,26 @@ def test_a_limit_during_a_push_stops_everything_until_a_person_resets(ros, contr
     assert controller.position() == pytest.approx(rest + 0.01, abs=2e-5)
 
 
-@pytest.mark.parametrize(("how", "place"), [("unplugged", 0.03), ("power cut", 0.0)])
-def test_a_controller_lost_at_rest_continues_if_it_is_where_it_was(ros, controller, tmp_path, how, place):
+def test_a_controller_lost_at_rest_continues_if_it_is_where_it_was(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
-    if place:
-        cell.result(cell.send(place))
-        cell.wait_for_mode(IDLE)
-    (controller.unplug if how == "unplugged" else controller.reset)()
+    cell.result(cell.send(0.03))
+    cell.wait_for_mode(IDLE)
+    assert (cell.states[-1].in_doubt, cell.states[-1].age) == (False, 0.0)
+    controller.unplug()
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
-    if how == "unplugged":
-        plug_in(controller, tmp_path / "port")
+    ros.wait_for(lambda: cell.states[-1].in_doubt and cell.states[-1].age > 0.2, what="a position that grows old")
+    plug_in(controller, tmp_path / "port")
     cell.wait_for_mode(IDLE)
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
-    assert controller.position() == pytest.approx(place + 0.01)
+    assert controller.position() == pytest.approx(0.04)
+
+
+def test_a_controller_that_restarted_at_rest_is_confirmed_by_a_person(ros, controller, tmp_path, capfd):
+    """It is where it was, but nobody knows whether its motor had power meanwhile."""
+    cell = Cell(ros, tmp_path / "port").ready()
+    controller.reset()
+    cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
+    cell.refuses(controller, capfd, UNVOUCHED)
 
 
 def test_after_a_power_cut_during_a_push_nothing_moves_until_a_person_confirms(ros, controller, tmp_path, capfd):
@@ -613,7 +620,8 @@ def test_after_a_power_cut_during_a_push_nothing_moves_until_a_person_confirms(r
     assert result.result.outcome == Push.Result.OUTCOME_ABORTED
     assert result.result.message.endswith("restarted")
     cell.refuses(controller, capfd, UNVOUCHED)
-    assert cell.states[-1].position == 0.0  # what the controller claims
+    assert cell.states[-1].position < 1e-4  # what the controller claims
+    assert cell.states[-1].in_doubt
     assert controller.position() > 0.001
     # do what the message asks for; the restart alone is not enough
     controller.unplug()

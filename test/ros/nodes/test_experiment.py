@@ -470,6 +470,16 @@ def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, t
     assert left_out == [0]
 
 
+def test_a_push_that_a_pause_ended_is_repeated_without_a_person(ros, controller, tmp_path, capfd):
+    table = Table(ros, tmp_path, speed=0.01)  # slow: on a busy machine an object that goes fast seems to leap
+    ros.wait_for(lambda: any(state.push_id == 0 and state.position > 0.002 for state in table.states), 60.0, "a push")
+    table.actuator._pusher._polled -= STAGE["silence"] + 0.5  # as if the process had stood still
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted, last.skipped) == (3, 0, 0)
+    assert pushed(table.states) == [0, 3, 1, 2]
+    assert "push 1 is repeated: the pusher rests where it should" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize("why", ["it moved nothing", "the tracker stood still"])
 def test_a_push_that_gave_no_observation_is_named_at_once_and_can_be_repeated(ros, controller, tmp_path, capfd, why):
     table = Table(ros, tmp_path, lost_object=0.5, start=2)

@@ -144,7 +144,7 @@ class Grbl(SerialPusher):
         if self._owed:
             self._owed -= 1
         else:
-            self._restarted = self._connected
+            self._restarted |= self._connected
             self._trouble = NotConnected(f"the controller at {self._path} restarted")
 
     def _take_offset(self, status: StatusReport) -> None:

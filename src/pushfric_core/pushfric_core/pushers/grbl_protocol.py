@@ -45,7 +45,7 @@ STATUS = re.compile(r"<([A-Za-z]+)(?::(\d{1,4}))?((?:\|[^<>|]+)*)>")
 GREETING = re.compile(r"grbl(?:hal)? (\d{1,4}\.\S{1,40}) \[.*\]", re.IGNORECASE)
 BUILD = re.compile(r"\[VER:([^:\]]{1,40})")
 HOLDS = re.compile(r"\[MSG:(Check Door|Emergency stop|Motor fault)[^\]]{0,80}\]", re.IGNORECASE)
-"""What a controller says of an input that holds it; grblHAL goes on reporting a jog meanwhile."""
+"""A message about an input that holds the controller; grblHAL goes on reporting a jog meanwhile."""
 SETTING = re.compile(r"\$(\d{1,4})=([^ (]*)")
 PARAMETER = re.compile(r"\[(G\d\d(?:\.\d)?|TLO):([-\d.,]{1,200})\]", re.ASCII)
 MODES = re.compile(r"\[GC:([ -Z]{1,200})\]")

@@ -78,7 +78,7 @@ STATE_MODES = {
     "Idle": Mode.IDLE, "Run": Mode.RUNNING, "Jog": Mode.RUNNING, "Home": Mode.HOMING, "Alarm": Mode.ALARM, "Sleep": Mode.ALARM,
 }  # fmt: skip
 INPUTS = {"D": "door", "H": "feed hold", "R": "reset", "E": "emergency stop", "M": "motor fault"}
-"""What a person, or the wiring, holds a controller with, by the letters of its reports."""
+"""Inputs by which a person, or the wiring, holds a controller, by the letters of its reports."""
 
 
 class Refused(PusherError):
@@ -505,7 +505,7 @@ class SerialPusher(ABC):
                 self._trouble = self._trouble or Held(f"held at the controller: {why}")
 
     def _holding(self, status: StatusReport) -> str | None:
-        """What keeps the controller from moving although this driver has not told it to, as far as a report says."""
+        """The hold that a report shows: the controller does not move, although this driver has not told it so; or None."""
         if status.state not in STATE_MODES:
             return f"it reports {status.state}"
         for pin, name in INPUTS.items():

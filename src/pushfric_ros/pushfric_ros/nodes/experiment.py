@@ -62,6 +62,9 @@ ALARM_PATIENCE = 5.0
 """An alarm of the pusher that lasts this long ends a run that nobody attends; while it homes, one may come and go [s of wall
 time]."""
 
+PAUSES = {PusherFault.TIME.value, PusherFault.OWNER.value, PusherFault.NODES.value}
+"""Why a pusher stopped when a process, this one included, or the controller stood still."""
+
 REPEATS = 2
 """A push that a pause ended is repeated this often without asking."""
 
@@ -240,7 +243,7 @@ class ExperimentNode(Node):
         await self._until(
             lambda: self._hindrance() in (None, IN_ALARM, WAS_STOPPED) or time.monotonic() - since > ALARM_PATIENCE
         )
-        return self._hindrance() is None and self._fault == PusherFault.TIME.value
+        return self._hindrance() is None and self._fault in PAUSES
 
     def _hindrance_to_choice(self) -> str | None:
         return self._hindrance() if self._choice is None else None
