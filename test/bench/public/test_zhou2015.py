@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from bench.public import zhou2015
-from bench.real_pushes import support_points
+from pushfric_core import FrictionModel, Support, friction_model
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, load_object
+from pushfric_core.mechanics.prediction import predict
 
 LOGS = {
     "10_130_10_10_10_130__exp_08_17_50.txt": 5.5,
@@ -45,6 +46,35 @@ def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_l
         assert len(data) == 50
         assert errors[0] == pytest.approx(reference, abs=0.1)
         assert errors[1] < 5  # with supports free near the centre of rotation
+
+
+def support_points(log, support):
+    """The support points of a log's object (n, 2) [m]; None if its name does not tell the true ones."""
+    if support == "grid_55":
+        return zhou2015.object_on(log).support_points
+    digits = [int(part) for part in log.split("__")[0].split("_") if part.isdigit()]
+    return np.reshape(digits, (2, 3)).T * 1e-3 if len(digits) == 6 else None
+
+
+def test_real_pushes_that_were_not_fitted_are_predicted(real_pushes):
+    """Better than by even pressure with the same mu_c; angles of motions (v at the middle, 50 mm omega)."""
+    even = np.array([(x, y) for x in np.arange(0.0025, 0.15, 0.005) for y in np.arange(0.0025, 0.15, 0.005) if x + y < 0.15])
+    errors = {"learned": [], "even": []}
+    for log, pushes in zhou2015.read_push_points(real_pushes / "push_points.csv").items():
+        chosen = np.random.default_rng(len(errors["even"])).permutation(len(pushes))
+        fitted, others = ([pushes[index] for index in half] for half in np.array_split(chosen, 2))
+        model = friction_model(Estimator(zhou2015.object_on(log).support_points).add(fitted))
+        models = {"learned": model, "even": FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), model.mean_mu_c)}
+        names = ("contact_point", "contact_normal", "tip_velocity", "twist")
+        points, normals, velocities, truth = (np.array([getattr(one, name) for one in others]) for name in names)
+        for name, one in models.items():
+            a, b = (
+                np.column_stack((t[:, :2] + t[:, 2:] * (-0.05, 0.05), 0.05 * t[:, 2]))
+                for t in (predict(one, points, normals, velocities).twists, truth)
+            )
+            cosines = np.sum(a * b, axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+            errors[name].append(np.degrees(np.median(np.arccos(np.clip(cosines, -1, 1)))))
+    assert np.median(errors["learned"]) < 8 < np.median(errors["even"])
 
 
 @pytest.mark.parametrize("support", ["true", "grid_55"])
