@@ -340,6 +340,15 @@ def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, co
         assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
+def test_an_alarm_ends_a_run_that_nobody_attends(ros, controller, tmp_path, monkeypatch):
+    monkeypatch.setattr(experiment, "ALARM_PATIENCE", 0.5)
+    Table(ros, tmp_path, attended=False)
+    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
+    controller.hit_limit()
+    with pytest.raises(SystemExit, match=f"waiting for the pusher: {ALARM}; nobody is here to do that"):
+        ros.wait_for(lambda: False, 60.0, what="the end")
+
+
 @pytest.mark.parametrize("until", ["it is seen", "a person says so"])
 def test_an_object_lost_in_mid_push_stops_the_pusher_which_stays(ros, controller, tmp_path, capfd, until):
     table = Table(ros, tmp_path, speed=0.01, lost_object=0.5)
