@@ -147,6 +147,7 @@ def tables(figures: Figures) -> Iterator[Table]:
         ),
     ):
         shown = Table(*(heads[column] for column in columns), title=f"Public pushes: {title}", box=SIMPLE, pad_edge=False)
+        shown.columns[0].overflow = "fold"
         for row in rows:
             shown.add_row(*(row[column] for column in columns))
         yield shown

@@ -26,18 +26,14 @@ def refuse(line):
     pytest.fail(line)
 
 
-@pytest.mark.parametrize("from_log", [True, False], ids=["log", "csv"])
-def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_log):
-    if from_log:
-        bags = [tmp_path / log for log in LOGS]
-        for log, bag in zip(LOGS, bags, strict=True):
-            zhou2015.import_pushes(real_pushes / "logs" / f"{log}.gz", bag)
-    else:
-        written = {w.path.name: w.path for w in zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path)}
-        bags = [written[log.removesuffix(".txt")] for log in LOGS]
-    for bag, reference in zip(bags, LOGS.values(), strict=True):
+def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path):
+    written = {w.path.name: w.path for w in zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path / "csv")}
+    for log, reference in LOGS.items():
+        zhou2015.import_pushes(real_pushes / "logs" / f"{log}.gz", tmp_path / log)
+        bag = written[log.removesuffix(".txt")]
         model = load_object(str(bag / OBJECT_FILE))
-        data = Recorded(bag).read(model, EstimatorSettings(), refuse).observations
+        from_log, data = (Recorded(one).read(model, EstimatorSettings(), refuse).observations for one in (tmp_path / log, bag))
+        assert sorted(one.push_id for one in from_log) == [one.push_id for one in data]
         errors = [
             1e3 * np.hypot(*(Estimator(model.support_points, config).add(data).center_of_friction - 0.05))
             for config in (EstimatorConfig(cor_radius=0.0), EstimatorConfig())
@@ -78,11 +74,9 @@ def test_real_pushes_that_were_not_fitted_are_predicted(real_pushes):
 
 
 @pytest.mark.parametrize("support", ["true", "grid_55"])
-@pytest.mark.parametrize("raw", [False, True])
-def test_the_defaults_find_the_centre_of_friction_of_real_objects(real_pushes, support, raw):
+def test_the_defaults_find_the_centre_of_friction_of_real_objects(real_pushes, support):
+    """By the published table; `test_a_log_agrees_with_the_published_push_points` has the logs."""
     logs = zhou2015.read_push_points(real_pushes / "push_points.csv")
-    if raw:
-        logs = {log: zhou2015.read_log(real_pushes / "logs" / f"{log}.gz") for log in logs}
     points = {log: support_points(log, support) for log in logs}
 
     def errors(config):
