@@ -141,3 +141,4 @@ def test_the_closed_form_balances_forces(mu_c, slides):
     moved = np.array((vx - omega * point[1], vy + omega * point[0])) - velocity
     assert moved[0] == pytest.approx(0)
     assert (abs(moved[1]) > 1e-4) == slides
+    assert fy * moved[1] < 0 or not slides  # the tip drags the object along
