@@ -21,7 +21,7 @@ from bench.display import plain_tables
 from bench.paper.pushes import estimated
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
-from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes, steps_of
+from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
 from docs.markdown import table
 from pushfric_core import (
     Ellipsoid,
@@ -41,7 +41,19 @@ from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_objec
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Pose, Twist, compose, exp, inverse, left_of, rotation, transform
+from pushfric_core.geometry.planar import (
+    LEAST_DIVISOR,
+    Array,
+    Pose,
+    Twist,
+    compose,
+    exp,
+    inverse,
+    left_of,
+    log,
+    rotation,
+    transform,
+)
 from pushfric_core.mechanics.prediction import ELLIPSE, ELLIPSOID, FrictionModel
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.mechanics.strokes import STEP, Strokes, predict_strokes
@@ -61,6 +73,9 @@ LARGEST_START_GAP = 0.005
 
 ESTIMATED = 8
 """So many columns of the table, the first ones, are about the estimate."""
+
+STRETCH = 0.01
+"""The belief takes strokes in steps of about this much of the tip's way [m]: the quasi-static motion hardly changes within."""
 
 FINE = 30
 """Points in a row of the uniform pressure."""
@@ -204,8 +219,24 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     if (other := path.with_name(f"{name}{POLY4}")).is_file():
         quartic = {_key(one): one.predicted for one in read_strokes(other)}
     runs = [row if one.run is None else one.run for row, one in enumerate(strokes)]
-    steps = [steps_of(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
+    steps = [_steps(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
     return PublicSet(path.parent.name, name, model, strokes, data, steps, [quartic.get(_key(one)) for one in strokes])
+
+
+def _steps(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
+    """A stroke in steps of about STRETCH: what the belief takes of it, with the object on the screw between the poses seen."""
+    motion = log(compose(inverse(stroke.before), stroke.after))
+    way = np.subtract(stroke.tip_after, stroke.tip_before)
+    count = max(1, math.ceil(float(np.linalg.norm(way)) / STRETCH))
+    steps = []
+    for step in range(count if any(motion) else 0):
+        share = (step + 0.5) / count
+        pose = compose(stroke.before, exp(motion, share))
+        touch = outline.nearest(transform(inverse(pose), np.add(stroke.tip_before, share * way)))
+        (x, y), (nx, ny), (vx, vy) = touch.point.tolist(), touch.normal.tolist(), (rotation(-pose.theta) @ way / count).tolist()
+        turned = Twist(*(value / count for value in motion))
+        steps.append(Observation((x, y), (nx, ny), turned, push_id, duration=1.0, stamp=step + 1, tip_velocity=(vx, vy)))
+    return steps
 
 
 def _key(stroke: Stroke) -> tuple[float, ...]:
