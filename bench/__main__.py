@@ -22,25 +22,22 @@ from bench import (
     footprint,
     pipeline,
     planning,
-    prediction,
     public_pushes,
-    real_pushes,
     services,
     simulators,
     soak,
     updates,
-    view_cost,
 )
 from bench.display import Verdict, plain_tables, verdict_table
 from bench.observations import GRIDS
 from bench.program import start
 from pushfric_core.commands.application import Application, Command
 from pushfric_core.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
+from pushfric_core.commands.options import RUNS
+from pushfric_core.report.figures import check_image_name
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
 QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100, 1000), (24,), 40, 1.0, 1000
-
-DEFAULT_PLOT = pathlib.Path("runs/bench.png")
 
 LIBRARIES = ("numpy", "scipy", "osqp", "highspy", "cvxpy", "clarabel")
 
@@ -66,13 +63,8 @@ class Section(NamedTuple):
         return section._replace(**{key: getattr(module, key) for key in cls._fields[3:] if hasattr(module, key)})
 
 
-ALONE = {
-    "costs": [Section.of("costs", costs)],
-    "footprint": [Section.of("footprint", footprint)],
-    "view": [Section.of("view", view_cost)],
-    "planning": [Section.of(module.__name__.rpartition(".")[2], module) for module in (planning, services, simulators)],
-}
-"""By the name of an option: the sections that are measured instead of all others."""
+COSTS, FOOTPRINT, PLANNING = (costs,), (footprint,), (planning, services, simulators)
+"""What is measured instead of all else."""
 
 
 class Bench(Command):
@@ -106,13 +98,7 @@ def bench(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Measure only a small part, in less than a minute.")] = False,
-    plot: Annotated[pathlib.Path, typer.Option(help="With --public: write the figure to this file.")] = DEFAULT_PLOT,
-    pushes: Annotated[
-        pathlib.Path | None,
-        typer.Option(
-            "--real-pushes", help="Also measure the accuracy on real pushes: push_points.csv of zhou2015.", show_default=False
-        ),
-    ] = None,
+    plot: Annotated[pathlib.Path, typer.Option(help="With --public: write the figure to this file.")] = RUNS / "bench.png",
     public: Annotated[
         list[pathlib.Path] | None,
         typer.Option(
@@ -139,14 +125,6 @@ def bench(
             " docs/estimation.md: 2 minutes.",
         ),
     ] = False,
-    view_only: Annotated[
-        bool,
-        typer.Option(
-            "--view",
-            help="Measure only image to estimate, without a live view, with one that nobody looks at, and with a visitor:"
-            " 8 minutes.",
-        ),
-    ] = False,
     planning_only: Annotated[
         bool,
         typer.Option(
@@ -154,15 +132,6 @@ def bench(
             help="Measure only what planners get: strokes, predictions, answers of the planner node, MuJoCo: 10 minutes.",
         ),
     ] = False,
-    real_strokes: Annotated[
-        pathlib.Path | None,
-        typer.Option(
-            help="With --planning, also compare with real strokes: a folder as bench/simulators.py describes it.",
-            exists=True,
-            file_okay=False,
-            show_default=False,
-        ),
-    ] = None,
     soaking: Annotated[
         float | None,
         typer.Option(
@@ -186,23 +155,16 @@ def bench(
     supports = sorted(set(supports or (QUICK_SUPPORTS if quick else SUPPORTS)))
     if unknown := set(supports) - set(GRIDS):
         raise typer.BadParameter(f"must be of {', '.join(map(str, GRIDS))}, got {min(unknown)}", param_hint="--supports")
-    if plot.is_dir():
-        raise typer.BadParameter(f"{plot}: is a folder; expected the name of a file to write")
-    if not plot.parent.is_dir() and plot != DEFAULT_PLOT:
-        raise typer.BadParameter(f"{plot}: its folder does not exist")
     if public:
-        plot.parent.mkdir(exist_ok=True)
-        return _run([Section.of("public_pushes", public_pushes.PublicPushes(public, plot))], json)
-    alone = {"costs": costs_only, "footprint": footprint_only, "view": view_only, "planning": planning_only}
-    for name, asked in alone.items():
+        check_image_name(plot)
+        sets = [one for folder in public for one in public_pushes.sets_in(folder)]
+        return _run([Section.of("public_pushes", public_pushes, sets, plot)], json)
+    for alone, asked in ((COSTS, costs_only), (FOOTPRINT, footprint_only), (PLANNING, planning_only)):
         if asked:
-            real = [Section.of("real_strokes", simulators.Real(real_strokes))] if real_strokes is not None else []
-            return _run([*ALONE[name], *real], json)
+            return _run([Section.of(module.__name__.rpartition(".")[2], module) for module in alone], json)
     count, budget, held = (QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD) if quick else (UPDATES, BUDGET, HELD)
     cost = Section.of("", updates, points, supports, count, budget, held)
     sections = [cost._replace(steps=len(supports) * (len(points) + 1))]
-    if pushes is not None:
-        sections += [Section.of("real_pushes", real_pushes, pushes), Section.of("prediction", prediction, pushes)]
     return _run(sections + [Section.of("pipeline", pipeline)] * live, json)
 
 

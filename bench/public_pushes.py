@@ -12,17 +12,19 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 from rich.box import SIMPLE
 from rich.table import Table
 from shapely.geometry import Point
 
+from bench.display import plain_tables
 from bench.paper.pushes import estimated
-from bench.prediction import Pushes, ellipsoid_motions
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
-from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes, steps_of
+from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
 from docs.markdown import table
 from pushfric_core import (
+    Ellipsoid,
     Estimate,
     EstimatorConfig,
     InvalidInput,
@@ -37,11 +39,25 @@ from pushfric_core.estimation.picture import draw_support_friction
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.files.whole_file import write_whole
+from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Pose, Twist, compose, exp, inverse, rotation, transform
+from pushfric_core.geometry.planar import (
+    LEAST_DIVISOR,
+    Array,
+    Pose,
+    Twist,
+    compose,
+    exp,
+    inverse,
+    left_of,
+    log,
+    rotation,
+    transform,
+)
 from pushfric_core.mechanics.prediction import ELLIPSE, ELLIPSOID, FrictionModel
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.mechanics.strokes import STEP, Strokes, predict_strokes
+from pushfric_core.report.figures import save
 
 FEW, DRAWS = 10, 6
 """Number of strokes, and of random choices of so many."""
@@ -57,6 +73,9 @@ LARGEST_START_GAP = 0.005
 
 ESTIMATED = 8
 """So many columns of the table, the first ones, are about the estimate."""
+
+STRETCH = 0.01
+"""The belief takes strokes in steps of about this much of the tip's way [m]: the quasi-static motion hardly changes within."""
 
 FINE = 30
 """Points in a row of the uniform pressure."""
@@ -102,70 +121,53 @@ class PublicSet(NamedTuple):
         return [one for one in self.observations if one is not None]
 
 
-class PublicPushes:
-    """A section of the benchmarks.
+def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[str], None]) -> Figures:
+    """All figures of each set, in m and rad; None: not told, or not stored.
 
     Args:
-        folders: of sets: CSV files as `import mitpush` and `import cpush` write them, bags as `import zhou2015` writes them, or
-            push_points.csv.
+        sets: from `sets_in`.
         plot: file for the figure; the table goes next to it, as Markdown, and a gallery of the estimates.
+        progress: called with the name of each set.
+    Returns:
+        {"sets": [{"folder", "set", "strokes", "data_points", "p_cf_error", "program_error", "radius", "held", "mu_c",
+        "mu_c_low", "mu_c_high", "few": [{"p_cf_error", "radius", "held"}], "rolled", "within": {"half", "few"}, "errors":
+        {contender: {"position", "angle", "combined"}}}], "surfaces": [{"object", "sets", "apart", "agree"}]}; "radius" is
+        that of the 90 % ellipse, "few" has FEW strokes each, "within" is the share of the strokes rolled out that end in
+        the 90 % region claimed for them, and "surfaces" compares p_CF of one object in two sets.
     Raises:
-        InvalidInput: there is no set in a folder, or one cannot be read.
+        InvalidInput: a figure or the table cannot be written.
     """
-
-    def __init__(self, folders: Sequence[pathlib.Path], plot: pathlib.Path) -> None:
-        self._sets = [one for folder in folders for one in sets_in(folder)]
-        self._plot = plot
-        self.STEPS = len(self._sets)
-
-    def measure(self, progress: Callable[[str], None]) -> Figures:
-        """All figures of each set, in m and rad; None: not told, or not stored.
-
-        Returns:
-            {"sets": [{"folder", "set", "strokes", "data_points", "p_cf_error", "program_error", "radius", "held", "mu_c",
-            "mu_c_low", "mu_c_high", "few": [{"p_cf_error", "radius", "held"}], "rolled", "within": {"half", "few"}, "errors":
-            {contender: {"position", "angle", "combined"}}}], "surfaces": [{"object", "sets", "apart", "agree"}]}; "radius" is
-            that of the 90 % ellipse, "few" has FEW strokes each, "within" is the share of the strokes rolled out that end in
-            the 90 % region claimed for them, and "surfaces" compares p_CF of one object in two sets.
-        """
-        rows, estimates = [], []
-        for number, one in enumerate(self._sets):
-            progress(f"public pushes: {one.name}")
-            lines = _lines(one)
-            estimates.append((of_all(one), believed(one, list(lines))))
-            rows.append(_measured(one, *estimates[-1], lines, np.random.default_rng(number)))
-        plot(rows, self._plot)
-        gallery(self._sets, estimates, self._plot.with_stem(f"{self._plot.stem}_gallery"))
-        write_whole(self._plot.with_suffix(".md"), table(*_cells(rows)))
-        pairs = itertools.combinations(zip(self._sets, estimates, strict=True), 2)
-        same = [_compared(one, other) for one, other in pairs if one[0].folder == other[0].folder]
-        return {"sets": rows, "surfaces": [pair for pair in same if pair is not None]}
-
-    def tables(self, figures: Figures) -> Iterator[Table]:
-        """What was estimated, and how strokes were foretold, by set and folder; and the objects of two sets."""
-        heads, rows = _cells(figures["sets"])
-        rows = [[row[0].partition("__")[0], *row[1:]] for row in rows]
-        estimated = [[cell.partition(" (")[0] for cell in row[:ESTIMATED]] for row in rows]
-        yield _table("Public pushes: what was estimated [mm]", heads[:ESTIMATED], estimated)
-        combined = [[row[0], row[ESTIMATED], *(cell.rpartition(", ")[2] for cell in row[ESTIMATED + 1 :])] for row in rows]
-        title = "Public pushes: strokes that were not fitted, position and angle combined [mm]"
-        yield _table(title, [heads[0], *heads[ESTIMATED:]], combined)
-        if pairs := figures["surfaces"]:
-            lines = [
-                [pair["object"], " and ".join(pair["sets"]), f"{1e3 * pair['apart']:.1f}", "yes" if pair["agree"] else "no"]
-                for pair in pairs
-            ]
-            heads = ["object", "sets", "p_CF apart [mm]", "within both regions"]
-            yield _table("Public pushes: one object in two sets", heads, lines)
+    rows, estimates = [], []
+    for number, one in enumerate(sets):
+        progress(f"public pushes: {one.name}")
+        lines = _lines(one)
+        estimates.append((of_all(one), believed(one, list(lines))))
+        rows.append(_measured(one, *estimates[-1], lines, np.random.default_rng(number)))
+    draw_errors(rows, plot)
+    gallery(sets, estimates, plot.with_stem(f"{plot.stem}_gallery"))
+    write_whole(plot.with_suffix(".md"), table(*_cells(rows)))
+    pairs = itertools.combinations(zip(sets, estimates, strict=True), 2)
+    same = [_compared(one, other) for one, other in pairs if one[0].folder == other[0].folder]
+    return {"sets": rows, "surfaces": [pair for pair in same if pair is not None]}
 
 
-def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
-    for head in heads:
-        table.add_column(head, no_wrap=head == heads[0])
-    for row in rows:
-        table.add_row(*row)
-    return table
+def tables(figures: Figures) -> Iterator[Table]:
+    """What was estimated, and how strokes were foretold, by set and folder; and the objects of two sets."""
+    heads, rows = _cells(figures["sets"])
+    for title, columns in (
+        ("what was estimated [mm]", range(ESTIMATED)),
+        (
+            "strokes that were not fitted: position [mm], angle [degrees], both combined [mm]",
+            (0, *range(ESTIMATED, len(heads))),
+        ),
+    ):
+        shown = Table(*(heads[column] for column in columns), title=f"Public pushes: {title}", box=SIMPLE, pad_edge=False)
+        shown.columns[0].overflow = "fold"
+        for row in rows:
+            shown.add_row(*(row[column] for column in columns))
+        yield shown
+    if figures["surfaces"]:
+        yield from plain_tables("Public pushes: one object in two sets", figures["surfaces"])
 
 
 Judged = tuple[PublicSet, tuple[Estimate, FrictionModel]]
@@ -188,7 +190,8 @@ def _compared(one: Judged, other: Judged) -> Figures | None:
 
 
 def sets_in(folder: pathlib.Path) -> list[PublicSet]:
-    """The sets of a folder.
+    """The sets of a folder: CSV files as `import mitpush` and `import cpush` write them, bags as `import zhou2015` writes
+    them, or push_points.csv.
 
     Raises:
         InvalidInput: there is none, or one cannot be read.
@@ -216,8 +219,24 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     if (other := path.with_name(f"{name}{POLY4}")).is_file():
         quartic = {_key(one): one.predicted for one in read_strokes(other)}
     runs = [row if one.run is None else one.run for row, one in enumerate(strokes)]
-    steps = [steps_of(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
+    steps = [_steps(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
     return PublicSet(path.parent.name, name, model, strokes, data, steps, [quartic.get(_key(one)) for one in strokes])
+
+
+def _steps(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
+    """A stroke in steps of about STRETCH: what the belief takes of it, with the object on the screw between the poses seen."""
+    motion = log(compose(inverse(stroke.before), stroke.after))
+    way = np.subtract(stroke.tip_after, stroke.tip_before)
+    count = max(1, math.ceil(float(np.linalg.norm(way)) / STRETCH))
+    steps = []
+    for step in range(count if any(motion) else 0):
+        share = (step + 0.5) / count
+        pose = compose(stroke.before, exp(motion, share))
+        touch = outline.nearest(transform(inverse(pose), np.add(stroke.tip_before, share * way)))
+        (x, y), (nx, ny), (vx, vy) = touch.point.tolist(), touch.normal.tolist(), (rotation(-pose.theta) @ way / count).tolist()
+        turned = Twist(*(value / count for value in motion))
+        steps.append(Observation((x, y), (nx, ny), turned, push_id, duration=1.0, stamp=step + 1, tip_velocity=(vx, vy)))
+    return steps
 
 
 def _key(stroke: Stroke) -> tuple[float, ...]:
@@ -371,8 +390,7 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
 
     def motion(pose: Pose, line: PushingLine, touch: Touch) -> Twist:
         direction = rotation(-pose.theta) @ line.direction
-        at = Pushes((), touch.point[None], touch.normal[None], direction[None], np.empty((1, 3)))
-        return Twist(*ellipsoid_motions(ellipsoid, uniform.mean_mu_c, at)[0].tolist())
+        return Twist(*ellipsoid_motion(ellipsoid, uniform.mean_mu_c, touch.point, touch.normal, direction).tolist())
 
     ends = []
     for pose, line, _, end in chosen:
@@ -385,6 +403,17 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
     return np.array(ends)
 
 
+def ellipsoid_motion(ellipsoid: Ellipsoid, mu_c: float, point: Array, normal: Array, velocity: Array) -> Array:
+    """The motion (3,) of an object with this limit surface, in closed form (Lynch, Maekawa and Tanie 1992)."""
+    jacobian = np.column_stack((np.eye(2), left_of(point)))
+    force = np.linalg.solve(jacobian @ ellipsoid.form @ jacobian.T, velocity)
+    along = tangent(normal)
+    if slides := abs(force @ along) > -mu_c * (force @ normal):
+        force = -normal + np.sign(force @ along) * mu_c * along
+    twist = np.asarray(ellipsoid.form @ jacobian.T @ force)
+    return twist * (velocity @ normal) / (jacobian @ twist @ normal) if slides else twist
+
+
 def mean_errors(found: Sequence[Array], truth: Array, arm: float) -> Figures:
     """Means over strokes, of each of some predictions (k, 3) [m, rad]; an angle counts with an arm [m]."""
     apart = np.concatenate([_apart(one, truth) for one in found])
@@ -395,63 +424,35 @@ def mean_errors(found: Sequence[Array], truth: Array, arm: float) -> Figures:
 
 def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
     """The heads of the table, and its lines; the last ones are of all sets of a folder."""
-    heads = [
-        "set",
-        "strokes",
-        "program off",
-        "p_CF off",
-        "held",
-        "mu_c",
-        f"{FEW} strokes: off",
-        "held",
-        "within",
-        *CONTENDERS.values(),
-    ]
-    lines = [
-        [
-            row["set"],
-            f"{row['data_points']} of {row['strokes']}",
-            _program([row]),
-            *_centers([row], row["few"]),
-            _claimed([row]),
-            *_rolled_out([row]),
-        ]
-        for row in rows
-    ]
+    few = f"{FEW} strokes: off"
+    heads = ["set", "strokes", "program off", "p_CF off", "held", "mu_c", few, "held", "within", *CONTENDERS.values()]
+    lines = [[row["set"], f"{row['data_points']} of {row['strokes']}", *_summary([row], _mu_c(row))] for row in rows]
     for folder in dict.fromkeys(row["folder"] for row in rows):
         some = [row for row in rows if row["folder"] == folder]
-        few = [one for row in some for one in row["few"]]
-        lines.append(
-            [f"all {len(some)} of {folder}", "", _program(some), *_centers(some, few), _claimed(some), *_rolled_out(some)]
-        )
+        lines.append([f"all {len(some)} of {folder}", "", *_summary(some, "")])
     return heads, lines
 
 
-def _centers(rows: Sequence[Figures], few: Sequence[Figures]) -> list[str]:
-    """Medians of how far p_CF is off [mm], in how many the 90 % ellipse holds the label, and mu_c of a single set."""
-    mu_c = _mu_c(rows[0]) if len(rows) == 1 else ""
-    return [_off(rows), _held(rows), mu_c, _off(few), _held(few)]
-
-
-def _program(rows: Sequence[Figures]) -> str:
-    return f"{1e3 * float(np.median([one['program_error'] for one in rows])):.1f}"
-
-
-def _off(estimates: Sequence[Figures]) -> str:
-    return f"{1e3 * float(np.median([one['p_cf_error'] for one in estimates])):.1f}"
-
-
-def _held(estimates: Sequence[Figures]) -> str:
-    """Whether the 90 % ellipse holds the label, or in how many of those that have one."""
-    told = [one["held"] for one in estimates if one["held"] is not None]
-    if len(estimates) == 1:
-        return "-" if not told else "yes" if told[0] else "no"
-    return f"{sum(told)} of {len(told)}"
-
-
-def _claimed(rows: Sequence[Figures]) -> str:
-    """How many of 100 strokes end in the region claimed for them: learnt from half of the strokes, and from FEW."""
-    return ", ".join(f"{100 * float(np.mean([row['within'][name] for row in rows])):.0f}" for name in ("half", "few"))
+def _summary(rows: Sequence[Figures], mu_c: str) -> Iterator[str]:
+    """Of some sets: medians of how far p_CF is off [mm], by the program and the belief, and in how many its ellipse holds the
+    label; the same learnt from FEW; how many of 100 strokes end in the region claimed, learnt from half and from FEW; and the
+    mean errors of each contender [mm], [degrees], [mm]; "-" unless it predicts all of these sets.
+    """
+    yield f"{1e3 * float(np.median([row['program_error'] for row in rows])):.1f}"
+    for told in (rows, [one for row in rows for one in row["few"]]):
+        yield f"{1e3 * float(np.median([one['p_cf_error'] for one in told])):.1f}"
+        held = sum(one["held"] for one in told)
+        yield f"{held} of {len(told)}" if len(told) > 1 else "yes" if held else "no"
+        if told is rows:
+            yield mu_c
+    yield ", ".join(f"{100 * float(np.mean([row['within'][name] for row in rows])):.0f}" for name in ("half", "few"))
+    for name in CONTENDERS:
+        found = [row["errors"][name] for row in rows]
+        if None in found:
+            yield "-"
+            continue
+        place, turn, both = (float(np.mean([one[key] for one in found])) for key in ("position", "angle", "combined"))
+        yield f"{1e3 * place:.2f}, {math.degrees(turn):.2f}, {1e3 * both:.2f}"
 
 
 def _mu_c(row: Figures) -> str:
@@ -461,27 +462,12 @@ def _mu_c(row: Figures) -> str:
     return f">= {low:.2f}" if row["mu_c"] is None else f"{row['mu_c']:.2f} ({low:.2f} to {high:.2f})"
 
 
-def _rolled_out(rows: Sequence[Figures]) -> list[str]:
-    """Of each contender the mean errors [mm], [degrees], [mm]; "-" unless it predicts all of these sets."""
-    cells = []
-    for name in CONTENDERS:
-        found = [row["errors"][name] for row in rows]
-        if None in found:
-            cells.append("-")
-            continue
-        place, turn, both = (float(np.mean([one[key] for one in found])) for key in ("position", "angle", "combined"))
-        cells.append(f"{1e3 * place:.2f}, {math.degrees(turn):.2f}, {1e3 * both:.2f}")
-    return cells
-
-
-def plot(rows: Sequence[Figures], path: pathlib.Path) -> None:
+def draw_errors(rows: Sequence[Figures], path: pathlib.Path) -> None:
     """The combined error of each set by contender, as a figure.
 
     Raises:
         InvalidInput: it cannot be written.
     """
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(9, 1.5 + 0.3 * len(rows)), layout="constrained")
     axes = figure.subplots()
     places = np.arange(len(rows))[::-1]
@@ -496,7 +482,7 @@ def plot(rows: Sequence[Figures], path: pathlib.Path) -> None:
     axes.set(xlabel="mean error of strokes that were not fitted, position and angle [mm]", xlim=(0, None))
     axes.grid(alpha=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    _save(figure, path)
+    save(figure, path, dpi=100)
 
 
 def gallery(sets: Sequence[PublicSet], estimates: Sequence[tuple[Estimate, FrictionModel]], path: pathlib.Path) -> None:
@@ -505,8 +491,6 @@ def gallery(sets: Sequence[PublicSet], estimates: Sequence[tuple[Estimate, Frict
     Raises:
         InvalidInput: it cannot be written.
     """
-    from matplotlib.figure import Figure
-
     columns = 4
     lines = math.ceil(len(sets) / columns)
     figure = Figure(figsize=(9, 2.3 * lines), layout="constrained")
@@ -518,11 +502,4 @@ def gallery(sets: Sequence[PublicSet], estimates: Sequence[tuple[Estimate, Frict
         axes.set_title(one.name.replace("__", "\n"), fontsize=8)
     for axes in places:
         axes.axis("off")
-    _save(figure, path)
-
-
-def _save(figure: Any, path: pathlib.Path) -> None:
-    try:
-        figure.savefig(path, dpi=100)
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"{path}: cannot be written: {error}") from error
+    save(figure, path, dpi=100)

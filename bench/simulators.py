@@ -1,10 +1,8 @@
 """Strokes in MuJoCo: of the exported models, and of what one would simulate without a model, compared with predictions.
 
-Without a model, one assumes uniform pressure and guesses mu_c; that scene is exported in the same way. The real strokes are
-those of Yu et al., "More than a million ways to be pushed": a folder as `import mitpush` writes it.
+Without a model, one assumes uniform pressure and guesses mu_c; that scene is exported in the same way.
 """
 
-import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -13,9 +11,7 @@ import numpy as np
 
 from bench.display import Verdict
 from bench.planning import spread
-from bench.prediction import fit
-from bench.public.strokes import USUAL_RADIUS
-from bench.public_pushes import Line, PublicSet, line_of, mean_errors, sets_in
+from bench.public_pushes import Line
 from pushfric_core import TABLE_1, Outline, PushingLine, Support, export, predict_strokes
 from pushfric_core.geometry.planar import Array, Pose
 from pushfric_core.mechanics.prediction import FrictionModel
@@ -30,7 +26,7 @@ REST = 300
 """Steps after a stroke, in which the tip comes to rest."""
 
 STROKE, STROKES, TIP_RADIUS = 0.05, 50, 0.005
-"""Length [m], number for each object, and radius of the tip [m]; the real strokes had a tip of their own."""
+"""Length [m], number for each object, and radius of the tip [m]."""
 
 GUESS = 0.3
 """A mu_c that nobody has measured."""
@@ -119,54 +115,3 @@ def verdicts(figures: Figures) -> Iterator[Verdict]:
             for unit, asked in (("mm", 0.5), ("deg", 1.0)):
                 measured = row[f"median_{unit}"]
                 yield Verdict.at_most(f"stroke in MuJoCo, {row['object']}, {unit}", asked, measured)
-
-
-class Real:
-    """Real strokes that were not fitted: their ends, against predictions and MuJoCo. A section of the benchmarks.
-
-    Args:
-        folder: of the strokes.
-    """
-
-    def __init__(self, folder: pathlib.Path) -> None:
-        self._sets = sets_in(folder)
-        self.STEPS = len(self._sets)
-
-    def measure(self, progress: Callable[[str], None]) -> Figures:
-        """Half of the strokes of each set are fitted, STROKES of the others are compared.
-
-        Returns:
-            {"real_strokes": [{"set", "strokes", and the mean errors "predicted_mm", "exported_mm" and "without_mm"}]}, an angle
-            counted with the arm of the support points; without a model, mu_c is the same.
-        """
-        return {"real_strokes": [self._compared(one, number, progress) for number, one in enumerate(self._sets)]}
-
-    def verdicts(self, figures: Figures) -> Iterator[Verdict]:
-        """The targets, next to what was measured, as means over the sets."""
-        rows = figures["real_strokes"]
-        predicted, exported, without = (
-            float(np.mean([row[f"{name}_mm"] for row in rows])) for name in ("predicted", "exported", "without")
-        )
-        worse, better = exported / predicted - 1, 1 - exported / without
-        yield Verdict.at_most("error of real strokes, exported, above that predicted", 0.05, worse)
-        yield Verdict("the same, below that without a model", ">= 0.15", better, better >= 0.15)
-
-    def _compared(self, one: PublicSet, number: int, progress: Callable[[str], None]) -> Figures:
-        progress(f"real strokes: {one.name}")
-        outline = one.model.outline
-        shuffled = np.random.default_rng(number).permutation(len(one.strokes)).tolist()
-        fitted = set(shuffled[: len(shuffled) // 2])
-        model = fit(one.model.support_points, [observation for observation in one.data if observation.push_id in fitted])
-        lines_of = {k: line_of(one.strokes[k], outline) for k in shuffled[len(fitted) :]}
-        chosen = [(line, one.strokes[k].after) for k, line in lines_of.items() if line is not None][:STROKES]
-        poses, lines, _, ends = zip(*(stroke for stroke, _ in chosen), strict=True)
-        truth = np.array([end for _, end in chosen])
-        scene = exported(outline, model, USUAL_RADIUS)
-        plain = exported(outline, uniform(outline, model.mean_mu_c), USUAL_RADIUS)
-        found = {
-            "predicted": predict_strokes(model, outline, poses, lines, ends).means,
-            "exported": np.array([pushed(scene, *stroke) for stroke, _ in chosen]),
-            "without": np.array([pushed(plain, *stroke) for stroke, _ in chosen]),
-        }
-        means = {f"{key}_mm": 1e3 * mean_errors([array], truth, model.length)["combined"] for key, array in found.items()}
-        return {"set": one.name, "strokes": len(chosen), **means}

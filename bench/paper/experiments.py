@@ -119,8 +119,9 @@ def run_seed(seed: int) -> Seed:
 
 
 def estimate(observations: Iterable[Observation], points: Array, config: EstimatorConfig = PAPER) -> Estimate:
-    """The estimate from all observations, over hypothesised support points (n, 2) [m]."""
-    return Estimator(points, config).add(observations)
+    """The estimate from all observations, over hypothesised support points (n, 2) [m]; taken one by one, none is judged."""
+    estimator = Estimator(points, config)
+    return [estimator.add(one) for one in observations][-1]
 
 
 def located(name: str, center: Array) -> Numbers:

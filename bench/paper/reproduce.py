@@ -3,8 +3,9 @@
 import itertools
 import math
 import pathlib
+from typing import Annotated
 
-from rich.console import Console
+import typer
 from rich.progress import track
 
 from bench.paper.claims import CLOSE, CLOSE_MU, Claim, agrees, claims
@@ -12,6 +13,8 @@ from bench.paper.experiments import rods, run_seed
 from bench.paper.figures import figures
 from bench.paper.pushes import CONDUCT
 from bench.paper.tables import Nested, Path, leaves, tables
+from pushfric_core.commands.console import console, say
+from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.offline.workers import results
 from pushfric_core.report.page import INFEASIBLE, NONE, Cell, Table, number, page
@@ -21,20 +24,13 @@ COUNTS = ("data_points", "bad_data_points", "nonzero_weights")
 """Leaves of tables.json that are whole numbers."""
 
 
-def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, console: Console) -> pathlib.Path:
-    """Run the experiments of the seeds 0, 1 ... and write tables, figures and the report.
-
-    Args:
-        out: folder to write.
-        seeds: number of seeds.
-        jobs: processes on this machine; -1: one for each core.
-        dask: address of the scheduler of a Dask cluster to use instead; None: this machine.
-        console: for the progress bar.
-    Returns:
-        The path of the report.
-    Raises:
-        InvalidInput: the folder cannot be written, or no cluster answers.
-    """
+def reproduce(
+    out: Annotated[pathlib.Path, typer.Option(help="Folder to write: the report.")] = RUNS / "reproduce",
+    seeds: Annotated[int, typer.Option(help="Number of repetitions, each with its own noise.", min=1, max=10_000)] = 20,
+    jobs: JobsOption = -1,
+    dask: DaskOption = None,
+) -> None:
+    """Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images."""
     make_folder(out)
     make_folder(out / "figures")
     found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
@@ -62,7 +58,7 @@ def reproduce(out: pathlib.Path, seeds: int, jobs: int, dask: str | None, consol
         infeasible=INFEASIBLE,
     )
     write_whole(report, content)
-    return report
+    say(f"report: {report}")
 
 
 def table(nested: Nested) -> Table:

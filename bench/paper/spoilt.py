@@ -34,7 +34,6 @@ class Verdict(NamedTuple):
     """What outlier rejection says of a run; None: it is not asked."""
 
     found: bool | None = None  # no observation that the fault changed is in the estimate, or the change of the object was seen
-    harmless: bool | None = None  # the fault changed none, because those that it would have changed were never made
     good: int = 0  # pushes without a fault
     lost: int = 0  # of these were left out
     changed: bool = False  # an object that stayed the same was said to be another one
@@ -61,7 +60,7 @@ def verdicts(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, 
             left_out, changed = _screened(data, studied.support_points)
             harmless = {one.twist for one in data} <= {one.twist for one in clean}
             lost = len(left_out - {bad})
-            yield f"{kind}/{noise}", Verdict(harmless or bad in left_out, harmless, len(before) - 1, lost, changed)
+            yield f"{kind}/{noise}", Verdict(harmless or bad in left_out, len(before) - 1, lost, changed)
         for shift, pushed in after.items():
             data = filmed(studied.outline, [*before[:BEFORE], *pushed], spread, rng)
             _, changed = _screened(data, studied.support_points)

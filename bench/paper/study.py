@@ -8,22 +8,22 @@ Further cells are about screening (module `spoilt`).
 import math
 import pathlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from rich.console import Console
+import typer
 from rich.progress import track
 
 from bench.paper import spoilt
 from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1, shapes
 from bench.paper.tables import table_of
-from bench.public.zhou2015 import CORNERS, GRID, read_push_points
-from pushfric_core import TABLE_1, Estimate, EstimatorConfig, Observation, Outline
+from bench.public.zhou2015 import object_on, read_push_points
+from pushfric_core import TABLE_1, Estimate, EstimatorConfig, Observation
+from pushfric_core.commands.console import console, say
+from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
 from pushfric_core.files.whole_file import make_folder, write_whole
-from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import Array, velocity_at
+from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import ELLIPSE
 from pushfric_core.offline.workers import results
 from pushfric_core.report.report import to_json
@@ -37,10 +37,7 @@ SIZES = (10, 20, 40)
 REAL_CENTER = np.full(2, 0.05)
 """True p_CF of the real triangle [m], by statics."""
 
-SLIPPED = 1e-3
-"""A real push slips if its tip moved along the edge by more than this [m]; then the force sensor measures mu_c."""
-
-PARTS = ("simulated", "real", "mu_c", "real_mu_c", "screened")
+PARTS = ("simulated", "real", "mu_c", "screened")
 """The parts of study.json with numbers, each a table of study.md; docs/estimation.md explains them."""
 
 Numbers = dict[str, Any]
@@ -76,21 +73,16 @@ def run_seed(seed: int) -> dict[str, Any]:
     return found
 
 
-def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int, dask: str | None, console: Console) -> Numbers:
-    """Measure everything, and write study.json and study.md into a folder.
-
-    Args:
-        out: the folder.
-        seeds: simulated runs of each cell.
-        pushes: push_points.csv of zhou2015; None: no real pushes.
-        jobs: processes; -1: one for each core.
-        dask: address of a Dask scheduler; None: this machine.
-        console: for the progress bar.
-    Returns:
-        What study.json holds.
-    Raises:
-        InvalidInput: the folder or the CSV cannot be used, or no cluster answers.
-    """
+def study(
+    out: Annotated[pathlib.Path, typer.Option(help="Folder to write: study.json and study.md.")] = RUNS / "study",
+    seeds: Annotated[int, typer.Option(help="Simulated runs for each case.", min=1, max=10_000)] = 200,
+    pushes: Annotated[
+        pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015, to study real pushes too.", show_default=False)
+    ] = None,
+    jobs: JobsOption = -1,
+    dask: DaskOption = None,
+) -> None:
+    """Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones."""
     make_folder(out)
     logs = {} if pushes is None else read_push_points(pushes)
     found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
@@ -101,12 +93,11 @@ def study(out: pathlib.Path, seeds: int, pushes: pathlib.Path | None, jobs: int,
         "mu_c": {name: _within([one["mu_c"][name] for one in found if name in one["mu_c"]]) for name in TABLE_1},
         "screened": spoilt.summary([one["screened"] for one in found]),
         "real": _real(logs),
-        "real_mu_c": {f"{log}/{terms}": _real_mu_c(data, terms) for log, data in logs.items() for terms in ("moment", "force")},
     }
     write_whole(out / "study.json", to_json(summary) + "\n")
     parts = (f"\n## {part}\n\n{table_of(summary[part])}" for part in PARTS if summary[part])
     write_whole(out / "study.md", "".join((f"# Study of {seeds} seeds\n", *parts)))
-    return summary
+    say(f"report: {out / 'study.md'}")
 
 
 def _cells(
@@ -178,7 +169,7 @@ def _within(runs: Sequence[Numbers]) -> Numbers:
 
 def _real(logs: dict[str, list[Observation]]) -> Numbers:
     """Random choices of pushes from each log, without and with their forces."""
-    points = _points()
+    points = object_on("triangle").support_points
     cells: Numbers = {}
     for terms in (("moment",), ("moment", "force")):
         for size in SIZES:
@@ -191,25 +182,3 @@ def _real(logs: dict[str, list[Observation]]) -> Numbers:
             if runs:
                 cells[f"{size} pushes, {terms[-1]}"] = _summary(runs)
     return cells
-
-
-def _real_mu_c(data: Sequence[Observation], terms: str) -> Numbers:
-    """mu_c without the forces, or with them, compared with the median that the sensor gives for slipping pushes."""
-    sensed = []
-    for one in data:
-        normal = np.asarray(one.contact_normal)
-        slip = (np.asarray(one.tip_velocity) - velocity_at(one.twist, np.asarray(one.contact_point))) @ tangent(normal)
-        if abs(float(slip)) > SLIPPED and one.force is not None:
-            sensed.append(abs(float(np.asarray(one.force) @ tangent(normal)) / float(np.asarray(one.force) @ normal)))
-    used = data if terms == "force" else [replace(one, force=None) for one in data]
-    mu_c = _estimate(used, _points(), ("moment",) if terms == "moment" else ("moment", "force")).mu_c
-    truth = float(np.median(sensed))
-    if mu_c is None or mu_c.value is None:
-        return {"sensor": truth, "value": None}
-    interval = {"low": mu_c.low, "high": mu_c.high, "kind": mu_c.kind.value, "held": mu_c.low <= truth <= mu_c.high}
-    return {"sensor": truth, "value": mu_c.value, **interval}
-
-
-def _points() -> Array:
-    """Hypothesised support points of the real triangle (n, 2) [m]."""
-    return Outline(np.array(CORNERS)).grid(*(GRID.grid or (10, 10)), GRID.inset)

@@ -18,7 +18,7 @@ from pushfric_core.files.csv_table import read_table, save_table
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
 from pushfric_core.files.observation_file import save_observations
 from pushfric_core.geometry import planar
-from pushfric_core.geometry.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform
+from pushfric_core.geometry.planar import Array, Pose, compose, exp, inverse, rotation, transform
 
 STROKES, DATA_POINTS = ".strokes.csv", ".tip.csv"
 """After the name of a set, the names of its files."""
@@ -48,9 +48,6 @@ LARGEST_GAP = 0.0025
 
 SAME_SIDE = math.radians(50)
 """Between the edges at the begin and at the end, the normal turns by less: it does along a curve, but not round a corner."""
-
-STEP = 0.01
-"""... of the tip's way [m]: the quasi-static motion hardly changes within it."""
 
 SECOND = 10**9
 
@@ -92,22 +89,6 @@ class Stroke(NamedTuple):
         moved = rotation(-halfway.theta) @ np.subtract(self.tip_after, self.tip_before)
         (x, y), (nx, ny), (vx, vy) = (row.tolist() for row in (feet[1], outline.normals[edges[1]], moved))
         return Observation((x, y), (nx, ny), motion, push_id, stamp=(push_id + 1) * SECOND, tip_velocity=(vx, vy))
-
-
-def steps_of(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
-    """A stroke in steps of about STEP: what the belief takes of it, with the object on the screw between the poses seen."""
-    motion = planar.log(compose(inverse(stroke.before), stroke.after))
-    way = np.subtract(stroke.tip_after, stroke.tip_before)
-    count = max(1, math.ceil(float(np.linalg.norm(way)) / STEP))
-    steps = []
-    for step in range(count if any(motion) else 0):
-        share = (step + 0.5) / count
-        pose = compose(stroke.before, exp(motion, share))
-        touch = outline.nearest(transform(inverse(pose), np.add(stroke.tip_before, share * way)))
-        (x, y), (nx, ny), (vx, vy) = touch.point.tolist(), touch.normal.tolist(), (rotation(-pose.theta) @ way / count).tolist()
-        turned = Twist(*(value / count for value in motion))
-        steps.append(Observation((x, y), (nx, ny), turned, push_id, duration=1.0, stamp=step + 1, tip_velocity=(vx, vy)))
-    return steps
 
 
 @contextmanager

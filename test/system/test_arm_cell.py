@@ -18,10 +18,11 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("driver", COMMANDS)
-def test_an_arm_finds_the_centre_of_friction(driver, tmp_path):
+@pytest.mark.parametrize(("driver", "pushes"), [("twist", 1), ("trajectory", len(PUSHES))])
+def test_an_arm_finds_the_centre_of_friction(driver, pushes, tmp_path):
+    """From a plan of pushes; what an arm of the other kind sees of a push is the same."""
     content = yaml.safe_load((EXAMPLES / "arm.yaml").read_text())
-    (tmp_path / "plan.yaml").write_text(json.dumps({"pushes": PUSHES}))
+    (tmp_path / "plan.yaml").write_text(json.dumps({"pushes": PUSHES[:pushes]}))
     content["camera"]["calibration"] = str(EXAMPLES / content["camera"]["calibration"])
     content["pusher"] |= {"driver": driver, "command": COMMANDS[driver], **PATIENT}
     content["plan"] |= {"file": "plan.yaml", "speed": SPEED, "lost_object": 60.0, "lost_result": 60.0}
@@ -35,8 +36,9 @@ def test_an_arm_finds_the_centre_of_friction(driver, tmp_path):
         assert arm.wait(60) == 0, (tmp_path / "log").read_text()
     assert run.returncode == 0, run.stderr
     estimate = json.loads(pushfric("estimate", tmp_path / "bag", "--json").stdout)
-    assert estimate["pushes"] == len(PUSHES)
-    assert estimate["center_of_friction"] == pytest.approx((0.0, 0.0), abs=0.5e-3)
+    assert estimate["pushes"] == pushes
+    if pushes == len(PUSHES):
+        assert estimate["center_of_friction"] == pytest.approx((0.0, 0.0), abs=0.5e-3)
 
 
 def pushfric(*arguments) -> subprocess.CompletedProcess:

@@ -62,7 +62,7 @@ def test_quick_run_writes_the_figures_it_shows(tmp_path):
         (["--supports", "16"], "Invalid value for --supports: must be of 15, 24, 36, 100, 400, got 16"),
         (["--points", "0"], "--points: expected a whole number from 1 to 1000000, got '0'"),
         (["--json=."], ".: expected the name of a file to write that ends in .json"),
-        (["--plot", "nowhere/a.png"], "Invalid value: nowhere/a.png: its folder does not exist"),
+        (["--public", "a", "b"], "a: no *.strokes.csv, no bags and no push_points.csv; expected what `import` writes"),
     ],
 )
 def test_wrong_input_gives_one_line_and_exit_code_2(contenders, monkeypatch, capsys, arguments, error):

@@ -39,18 +39,3 @@ def test_latency_runs_from_the_newest_image_needed(pipeline):
             "rest_p50_ms": 7.5,
         }
     )
-
-
-def test_the_cost_of_the_view_is_measured_side_by_side(pipeline, monkeypatch):
-    from bench import view_cost
-
-    monkeypatch.setattr(view_cost, "_run", lambda way: {"estimates": 9, "p50_ms": len(way), "p99_ms": 50.0, "cores": 0.5})
-    said: list[str] = []
-    figures = view_cost.measure(said.append)
-    assert len(said) == view_cost.STEPS
-    assert [way["p50_ms"] for way in figures.values()] == [len(way) for way in figures]
-    (verdict,) = view_cost.verdicts(figures)
-    assert not verdict.met
-    figures[view_cost.NOBODY]["p50_ms"] = 14.0
-    (verdict,) = view_cost.verdicts(figures)
-    assert verdict.met

@@ -3,7 +3,6 @@
 import math
 import pathlib
 
-import numpy as np
 import pytest
 
 from pushfric_msgs.msg import Heartbeat
@@ -55,36 +54,6 @@ def test_exported_scenes_are_compared_with_predictions(monkeypatch):
     assert (exported["scene"], without["scene"]) == ("exported", "without a model")
     assert exported["median_mm"] < 0.5 < without["median_mm"]
     assert [verdict.met for verdict in simulators.verdicts(figures)] == [True, True]
-
-
-def test_real_strokes_are_compared_with_predictions_and_scenes(monkeypatch, tmp_path):
-    """Strokes made by the model of one object, so that the learned model is nearly exact, and uniform pressure is not."""
-    from bench import simulators
-    from pushfric_core import TABLE_1, FrictionModel, predict_strokes
-    from pushfric_core.files.object_file import load_object, save_object
-
-    name = "wood_rect3"
-    known = TABLE_1[name]
-    save_object(load_object(name), tmp_path / "block.yaml")
-    model = FrictionModel.of(known.support, known.mu_c)
-    chosen = simulators.strokes(known.outline, simulators.USUAL_RADIUS, np.random.default_rng(0), 24, 0.02)
-    poses, lines, begins, ends = zip(*chosen, strict=True)
-    final = predict_strokes(model, known.outline, poses, lines, ends).means
-    at = [
-        [np.add(line.origin, np.multiply(line.direction, s)) for line, s in zip(lines, stops, strict=True)]
-        for stops in (begins, ends)
-    ]
-    columns = "x0,y0,th0,x1,y1,th1,tipx0,tipy0,tipx1,tipy1"
-    np.savetxt(
-        tmp_path / "steel_block.strokes.csv", np.column_stack((poses, final, *at)), delimiter=",", header=columns, comments=""
-    )
-    monkeypatch.setattr(simulators, "STROKES", 3)
-    section = simulators.Real(tmp_path)
-    figures = section.measure(lambda _: None)
-    (row,) = figures["real_strokes"]
-    assert (row["set"], row["strokes"], section.STEPS) == ("steel_block", 3, 1)
-    assert row["predicted_mm"] < row["without_mm"]
-    assert len(list(section.verdicts(figures))) == 2
 
 
 def test_estimates_of_the_kinds_of_pushes_are_kept_apart():

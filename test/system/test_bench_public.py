@@ -18,14 +18,14 @@ def folder(tmp_path):
     """A set whose stored quartic is right, and whose stored ellipsoid says that nothing moves."""
     from bench import simulators
     from bench.public.mitpush import POLY4
-    from bench.public.strokes import STROKES, Stroke, save_strokes
+    from bench.public.strokes import STROKES, USUAL_RADIUS, Stroke, save_strokes
     from pushfric_core import TABLE_1, FrictionModel, Pose, predict_strokes
     from pushfric_core.files.object_file import load_object, save_object
 
     name = "wood_rect3"
     known = TABLE_1[name]
     save_object(load_object(name), tmp_path / "block.yaml")
-    chosen = simulators.strokes(known.outline, simulators.USUAL_RADIUS, np.random.default_rng(0), 30, 0.02)
+    chosen = simulators.strokes(known.outline, USUAL_RADIUS, np.random.default_rng(0), 30, 0.02)
     poses, lines, begins, ends = zip(*chosen, strict=True)
     final = predict_strokes(FrictionModel.of(known.support, known.mu_c), known.outline, poses, lines, ends).means
     for suffix, right in ((STROKES, False), (POLY4, True)):
@@ -38,14 +38,13 @@ def folder(tmp_path):
 
 
 def test_every_contender_is_compared_on_the_same_strokes(folder, tmp_path):
-    from bench.public_pushes import PublicPushes
+    from bench import public_pushes
 
     told = []
-    section = PublicPushes([folder], tmp_path / "figure.png")
-    figures = section.measure(told.append)
+    figures = public_pushes.measure(public_pushes.sets_in(folder), tmp_path / "figure.png", told.append)
     (row,) = figures["sets"]
     assert told == ["public pushes: steel_block"]
-    assert (row["set"], row["strokes"], section.STEPS) == ("steel_block", 30, 1)
+    assert (row["set"], row["strokes"]) == ("steel_block", 30)
     assert 5 <= row["rolled"] <= 15
     assert len(row["few"]) == 6
     errors = {name: found["combined"] for name, found in row["errors"].items()}
@@ -53,7 +52,7 @@ def test_every_contender_is_compared_on_the_same_strokes(folder, tmp_path):
     assert errors["half"] < errors["few"] < errors["uniform"] < errors["zhou_ellipsoid"]
     assert errors["ellipsoid"] < errors["zhou_ellipsoid"]
     assert 0.8 <= row["within"]["half"] <= 1
-    assert [table.row_count for table in section.tables(figures)] == [2, 2]
+    assert [table.row_count for table in public_pushes.tables(figures)] == [2, 2]
     lines = (tmp_path / "figure.md").read_text().splitlines()
     assert [line.split(" | ")[0] for line in lines[2:]] == ["| steel_block", f"| all 1 of {tmp_path.name}"]
     for name in ("figure.png", "figure_gallery.png"):
@@ -65,7 +64,7 @@ def test_two_sets_of_an_object_must_agree(folder, tmp_path):
     import shutil
 
     from bench.public.strokes import STROKES, read_strokes, save_strokes
-    from bench.public_pushes import PublicPushes
+    from bench.public_pushes import measure, sets_in
     from pushfric_core.geometry.planar import transform
 
     shutil.copy(folder / f"steel_block{STROKES}", folder / f"wood_block{STROKES}")
@@ -79,7 +78,7 @@ def test_two_sets_of_an_object_must_agree(folder, tmp_path):
         for stroke in read_strokes(folder / f"steel_block{STROKES}")
     ]
     save_strokes(moved, folder / f"ice_block{STROKES}")
-    figures = PublicPushes([folder], tmp_path / "figure.png").measure(lambda _: None)
+    figures = measure(sets_in(folder), tmp_path / "figure.png", lambda _: None)
     found = {tuple(pair["sets"]): pair for pair in figures["surfaces"]}
     assert found["steel_block", "wood_block"]["apart"] == 0
     assert [found[pair]["agree"] for pair in sorted(found)] == [False, False, True]
@@ -117,8 +116,29 @@ def test_an_option_may_take_several_folders():
 
 def test_the_ellipse_holds_the_label_of_real_sets(mit_pushes, real_pushes):
     """With all pushes, where what friction does otherwise than Coulomb's is most of the error."""
-    from bench.public_pushes import _center, of_all, sets_in
+    from bench.public_pushes import _center, sets_in
+    from pushfric_core import believe
 
-    found = [_center(of_all(one).belief, one.label)["held"] for folder in (mit_pushes, real_pushes) for one in sets_in(folder)]
-    assert len(found) == 16
-    assert sum(found) >= 13
+    sets = [one for folder in (mit_pushes, real_pushes) for one in sets_in(folder)]
+    held = [_center(believe(one.model.support_points, one.data), one.label)["held"] for one in sets]
+    assert len(held) == 16
+    assert sum(held) >= 13
+
+
+@pytest.mark.parametrize(("mu_c", "slides"), [(9.0, False), (0.2, True)])
+def test_the_closed_form_balances_forces(mu_c, slides):
+    """The force passes through the contact, within the cone, at whose edge the contact slides; the tip drives the contact."""
+    from bench.public_pushes import ellipsoid_motion
+    from pushfric_core import NamedEllipsoid
+
+    form = NamedEllipsoid(1.0, 0.03, np.array((0.01, -0.005))).form()
+    point, normal, velocity = (np.array(one) for one in ((-0.04, 0.01), (-1.0, 0.0), (0.02, 0.05)))
+    vx, vy, omega = ellipsoid_motion(form, mu_c, point, normal, velocity)
+    fx, fy, m = np.linalg.solve(form.form, (vx, vy, omega))
+    assert m == pytest.approx(point[0] * fy - point[1] * fx)
+    assert fx > 0
+    assert abs(fy) == pytest.approx(mu_c * fx) if slides else abs(fy) < mu_c * fx
+    moved = np.array((vx - omega * point[1], vy + omega * point[0])) - velocity
+    assert moved[0] == pytest.approx(0)
+    assert (abs(moved[1]) > 1e-4) == slides
+    assert fy * moved[1] < 0 or not slides  # the tip drags the object along

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from bench.public import zhou2015
-from bench.real_pushes import support_points
+from pushfric_core import FrictionModel, Support, friction_model
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, load_object
+from pushfric_core.mechanics.prediction import predict
 
 LOGS = {
     "10_130_10_10_10_130__exp_08_17_50.txt": 5.5,
@@ -25,18 +26,14 @@ def refuse(line):
     pytest.fail(line)
 
 
-@pytest.mark.parametrize("from_log", [True, False], ids=["log", "csv"])
-def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_log):
-    if from_log:
-        bags = [tmp_path / log for log in LOGS]
-        for log, bag in zip(LOGS, bags, strict=True):
-            zhou2015.import_pushes(real_pushes / "logs" / f"{log}.gz", bag)
-    else:
-        written = {w.path.name: w.path for w in zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path)}
-        bags = [written[log.removesuffix(".txt")] for log in LOGS]
-    for bag, reference in zip(bags, LOGS.values(), strict=True):
+def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path):
+    written = {w.path.name: w.path for w in zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path / "csv")}
+    for log, reference in LOGS.items():
+        zhou2015.import_pushes(real_pushes / "logs" / f"{log}.gz", tmp_path / log)
+        bag = written[log.removesuffix(".txt")]
         model = load_object(str(bag / OBJECT_FILE))
-        data = Recorded(bag).read(model, EstimatorSettings(), refuse).observations
+        from_log, data = (Recorded(one).read(model, EstimatorSettings(), refuse).observations for one in (tmp_path / log, bag))
+        assert sorted(one.push_id for one in from_log) == [one.push_id for one in data]
         errors = [
             1e3 * np.hypot(*(Estimator(model.support_points, config).add(data).center_of_friction - 0.05))
             for config in (EstimatorConfig(cor_radius=0.0), EstimatorConfig())
@@ -47,12 +44,39 @@ def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path, from_l
         assert errors[1] < 5  # with supports free near the centre of rotation
 
 
+def support_points(log, support):
+    """The support points of a log's object (n, 2) [m]; None if its name does not tell the true ones."""
+    if support == "grid_55":
+        return zhou2015.object_on(log).support_points
+    digits = [int(part) for part in log.split("__")[0].split("_") if part.isdigit()]
+    return np.reshape(digits, (2, 3)).T * 1e-3 if len(digits) == 6 else None
+
+
+def test_real_pushes_that_were_not_fitted_are_predicted(real_pushes):
+    """Better than by even pressure with the same mu_c; angles of motions (v at the middle, 50 mm omega)."""
+    even = np.array([(x, y) for x in np.arange(0.0025, 0.15, 0.005) for y in np.arange(0.0025, 0.15, 0.005) if x + y < 0.15])
+    errors = {"learned": [], "even": []}
+    for log, pushes in zhou2015.read_push_points(real_pushes / "push_points.csv").items():
+        chosen = np.random.default_rng(len(errors["even"])).permutation(len(pushes))
+        fitted, others = ([pushes[index] for index in half] for half in np.array_split(chosen, 2))
+        model = friction_model(Estimator(zhou2015.object_on(log).support_points).add(fitted))
+        models = {"learned": model, "even": FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), model.mean_mu_c)}
+        names = ("contact_point", "contact_normal", "tip_velocity", "twist")
+        points, normals, velocities, truth = (np.array([getattr(one, name) for one in others]) for name in names)
+        for name, one in models.items():
+            a, b = (
+                np.column_stack((t[:, :2] + t[:, 2:] * (-0.05, 0.05), 0.05 * t[:, 2]))
+                for t in (predict(one, points, normals, velocities).twists, truth)
+            )
+            cosines = np.sum(a * b, axis=1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+            errors[name].append(np.degrees(np.median(np.arccos(np.clip(cosines, -1, 1)))))
+    assert np.median(errors["learned"]) < 8 < np.median(errors["even"])
+
+
 @pytest.mark.parametrize("support", ["true", "grid_55"])
-@pytest.mark.parametrize("raw", [False, True])
-def test_the_defaults_find_the_centre_of_friction_of_real_objects(real_pushes, support, raw):
+def test_the_defaults_find_the_centre_of_friction_of_real_objects(real_pushes, support):
+    """By the published table; `test_a_log_agrees_with_the_published_push_points` has the logs."""
     logs = zhou2015.read_push_points(real_pushes / "push_points.csv")
-    if raw:
-        logs = {log: zhou2015.read_log(real_pushes / "logs" / f"{log}.gz") for log in logs}
     points = {log: support_points(log, support) for log in logs}
 
     def errors(config):

@@ -96,6 +96,8 @@ def test_one_wild_stamp_costs_one_message_and_is_said(recording, whole, tmp_path
         expected, _ = reading_of(recording.write(tmp_path / f"{number} missing", missing))
         assert contents(reading) == contents(expected)
         assert len(reading.observations) >= len(whole[0].observations) - 1
+    if (topic, offset) != (POSE, DAY):
+        return  # every door reads the same ledger
     for command in (["estimate"], ["bag", "verify"]):
         run = invoked(*command, bag)
         assert run.exit_code == 1
@@ -163,6 +165,8 @@ def test_pushes_that_are_missing_are_named_by_every_door(recording, whole, tmp_p
     assert (doubt.code, doubt.text) == (DoubtCode.PUSHES_MISSING, said)
     assert abs(doubt.lost - gone) <= 0.4 * gone
     assert begin - 3 * SECOND < doubt.stamp < end + 3 * SECOND
+    if pushes.start:
+        return  # every door reads the same ledger
     expected = [one._asdict() for one in reading.ledger.doubts]
     for command in (["estimate"], ["bag", "verify"], ["bag", "info"]):
         run = invoked(*command, bag)

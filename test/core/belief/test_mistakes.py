@@ -20,11 +20,16 @@ PUSHES = even_pushes(STUDIED.outline, STUDIED.plans["all"])
 
 
 @pytest.fixture(scope="module")
-def run():
-    """The observations of fourteen pushes, as a CSV without the tip's velocity would hold them."""
+def seen():
+    """The observations of fourteen pushes."""
     rng = np.random.default_rng(7)
-    data = filmed(STUDIED.outline, moved(STUDIED, PUSHES, rng), NOISES["FEET"], rng)
-    return [replace(one, tip_velocity=None, duration=None) for one in data]
+    return filmed(STUDIED.outline, moved(STUDIED, PUSHES, rng), NOISES["FEET"], rng)
+
+
+@pytest.fixture(scope="module")
+def run(seen):
+    """As a CSV without the tip's velocity would hold them."""
+    return [replace(one, tip_velocity=None, duration=None) for one in seen]
 
 
 def with_twists(run, change):
@@ -80,10 +85,8 @@ def test_a_frame_that_is_off_is_told_where_it_is(run):
 
 
 @pytest.mark.parametrize(("offset", "side"), [(0.004, "left"), (-0.004, "right")])
-def test_a_line_that_is_off_sideways_is_told_with_its_size(offset, side):
-    rng = np.random.default_rng(3)
-    data = filmed(STUDIED.outline, moved(STUDIED, PUSHES, rng), NOISES["FEET"], rng)
-    first = explained([beside(one, offset) for one in data]).mistakes[0]
+def test_a_line_that_is_off_sideways_is_told_with_its_size(seen, offset, side):
+    first = explained([beside(one, offset) for one in seen]).mistakes[0]
     assert first.reason.code == ReasonCode.LINE_OFF_SIDEWAYS
     assert first.size == pytest.approx(0.004, abs=0.001)
     assert f"mm further to the {side}" in first.reason.text

@@ -100,11 +100,6 @@ def test_the_example_of_a_cell_is_valid(monkeypatch, tmp_path):
     assert cell.plan.distance < cell.pusher.stroke
 
 
-def test_the_example_of_a_cell_is_the_documented_one():
-    text = (EXAMPLE / "cell.yaml").read_text()
-    assert f"```yaml\n{text}```" in (ROOT / "docs/cell.md").read_text()
-
-
 def test_the_tables_of_keys_are_those_of_the_settings():
     text = (ROOT / "docs/cell.md").read_text()
     assert reference.cell_page(text) == text, f"stale; update it with: {reference.COMMAND}"

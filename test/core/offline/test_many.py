@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from calls import invoked
 from cluster import local_cluster
 from problems import observations_of
 from semantic_damage import Recording
@@ -98,8 +99,8 @@ def test_a_broken_input_costs_only_itself(inputs, tmp_path):
 def test_the_numbers_are_those_of_a_single_estimate(inputs, tmp_path):
     out = tmp_path / "out"
     options = ("--object", NAME, "--terms", "moment", "--exclude-push", 3)
-    estimate(inputs / "run_1.csv", inputs / "run_2.csv", *options, "--out", out, "--jobs", 1)
-    single = json.loads(estimate(inputs / "run_2.csv", *options, "--json").stdout)
+    invoked("estimate", inputs / "run_1.csv", inputs / "run_2.csv", *options, "--out", out, "--jobs", 1)
+    single = json.loads(invoked("estimate", inputs / "run_2.csv", *options, "--json").stdout)
     row = table_of(out)["run_2.csv"]
     assert [float(row["p_cf_x"]), float(row["p_cf_y"])] == single["belief"]["center_of_friction"]
     assert float(row["objective"]) == single["objective"]
@@ -114,9 +115,9 @@ def test_a_bag_that_does_not_add_up_is_not_usable(tmp_path):
     kept = [one for one in recording.messages if not begin <= one.log_time_ns <= end]
     recording.write_elsewhere(tmp_path / "bag", kept)
     for how, code in (([], 1), (["--partial"], 0)):
-        run = estimate(BAG, tmp_path / "bag", "--out", tmp_path / "out", "--jobs", 1, "--json", *how)
+        run = invoked("estimate", BAG, tmp_path / "bag", "--out", tmp_path / "out", "--jobs", 1, "--json", *how)
         counts = json.loads(run.stdout)
-        assert (run.returncode, counts["usable"], counts["not_usable"]) == (code, 2 - code, code)
+        assert (run.exit_code, counts["usable"], counts["not_usable"]) == (code, 2 - code, code)
         row = table_of(tmp_path / "out")["bag"]
         assert (row["use"] == "False", "pushes_missing" in row["reasons"]) == (bool(code), bool(code))
         assert ("push 6 is missing" in (tmp_path / "out/report.md").read_text().split("## Warnings")[0]) == bool(code)
@@ -124,23 +125,23 @@ def test_a_bag_that_does_not_add_up_is_not_usable(tmp_path):
 
 def test_a_run_goes_on_where_it_was(inputs, tmp_path):
     out = tmp_path / "out"
-    arguments = (inputs, "--object", NAME, "--out", out, "--jobs", 1)
-    estimate(*arguments)
+    arguments = ("estimate", inputs, "--object", NAME, "--out", out, "--jobs", 1)
+    invoked(*arguments)
     first = (out / "table.csv").read_bytes()
     lines = (out / "results.jsonl").read_text().splitlines()
     assert len(lines) == 7
     # as if killed in mid-line
     (out / "results.jsonl").write_text("\n".join(lines[:4]) + "\n" + lines[4][:40])
-    estimate(*arguments)
+    invoked(*arguments)
     assert (out / "table.csv").read_bytes() == first
     kept = (out / "results.jsonl").read_text().splitlines()
     assert kept[:4] == lines[:4]
     assert sorted(json.loads(line)["input"] for line in kept[5:]) == [json.loads(line)["input"] for line in sorted(lines[4:])]
     # an input that has changed is estimated again, and so is every input with other settings
     os.utime(inputs / "run_0.csv", (1, 1))
-    estimate(*arguments)
+    invoked(*arguments)
     assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 1
-    estimate(*arguments, "--loss", "l2")
+    invoked(*arguments, "--loss", "l2")
     assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 8
 
 
@@ -152,7 +153,7 @@ def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):
         run = estimate(tmp_path / "bags", "--out", tmp_path / "out", "--dask", address)
     assert run.returncode == 0, run.stderr
     rows = table_of(tmp_path / "out")
-    single = json.loads(estimate(BAG, "--json").stdout)
+    single = json.loads(invoked("estimate", BAG, "--json").stdout)
     for name in ("a", "b"):
         assert [float(rows[name]["p_cf_x"]), float(rows[name]["p_cf_y"])] == single["belief"]["center_of_friction"]
         assert (tmp_path / "out" / rows[name]["model"]).is_file()

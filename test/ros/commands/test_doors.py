@@ -82,15 +82,12 @@ def points_of(observations):
     return PointPushes(*(np.array([getattr(one, name) for one in observations]) for name in names))
 
 
-def with_point(number):
-    def case(folder, real_pushes):
-        logs = zhou2015.read_push_points(real_pushes / "push_points.csv")
-        zhou2015.write_bag(folder / "imported", TWO_FINGERS, logs[POINT_LOGS[number]])
-        two = stablepush.read_stable_pushes(real_pushes / "stable_pushes.csv")[TWO_FINGERS]
-        asked = points_of(logs[POINT_LOGS[1 - number]])
-        return Case(logs[POINT_LOGS[number]], folder / "imported", asked, two.pushes, two.stable)
-
-    return case
+def with_point(folder, real_pushes):
+    logs = zhou2015.read_push_points(real_pushes / "push_points.csv")
+    fitted, others = (logs[name] for name in POINT_LOGS)
+    zhou2015.write_bag(folder / "imported", TWO_FINGERS, fitted)
+    two = stablepush.read_stable_pushes(real_pushes / "stable_pushes.csv")[TWO_FINGERS]
+    return Case(fitted, folder / "imported", points_of(others), two.pushes, two.stable)
 
 
 def with_two_fingers(folder, real_pushes):
@@ -105,8 +102,7 @@ def with_two_fingers(folder, real_pushes):
 CASES = {
     "simulated": simulated("wood_rect3", 14, 12),
     "few": simulated("delrin_square3", 6, 4),  # one sample is left, which is not the optimum
-    "real points": with_point(0),
-    "real points, mixed": with_point(1),
+    "real points": with_point,
     "real fingers": with_two_fingers,
 }
 

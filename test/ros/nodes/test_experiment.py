@@ -24,6 +24,7 @@ from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.nodes import experiment
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.experiment import ExperimentNode
 
@@ -67,6 +68,8 @@ class Table:
         self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
         self._observation_out = self._node.create_publisher(Observation, "observation", RELIABLE)
         self._node.create_timer(0.02, self._show)
+        self.left_out: list[int] = []  # pushes that the estimator was told to exclude
+        self._estimator = self._node.create_service(SelectPush, "estimator/exclude_push", self._on_exclude)
         self.well = ["/cell/estimator"]
         self.settled = 0 if parameters.get("choose") else (2**31 - 1) * 10**9  # what the estimator reports [ns]
         (tmp_path / "plan.yaml").write_text(PLAN)
@@ -86,6 +89,11 @@ class Table:
         self.wanted.append(pose_from_msg(msg.pose))
         if self.obedient:
             self.object = self.wanted[-1]
+
+    def _on_exclude(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
+        self.left_out.append(request.push_id)
+        response.success = True
+        return response
 
     def _on_state(self, msg: PusherState) -> None:
         self.states.append(msg)
@@ -332,6 +340,15 @@ def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, co
         assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
+def test_an_alarm_ends_a_run_that_nobody_attends(ros, controller, tmp_path, monkeypatch):
+    monkeypatch.setattr(experiment, "ALARM_PATIENCE", 0.5)
+    Table(ros, tmp_path, attended=False)
+    ros.wait_for(lambda: controller.position() > 0.01, what="the push")
+    controller.hit_limit()
+    with pytest.raises(SystemExit, match=f"waiting for the pusher: {ALARM}; nobody is here to do that"):
+        ros.wait_for(lambda: False, 60.0, what="the end")
+
+
 @pytest.mark.parametrize("until", ["it is seen", "a person says so"])
 def test_an_object_lost_in_mid_push_stops_the_pusher_which_stays(ros, controller, tmp_path, capfd, until):
     table = Table(ros, tmp_path, speed=0.01, lost_object=0.5)
@@ -454,20 +471,12 @@ def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, t
     assert (waiting.phase, waiting.details) == (PlanProgress.PHASE_WAITING, "services: actuator/reset; fault: stopped")
     assert not table.call("experiment/withdraw")
     assert table.call("actuator/reset")
-    left_out = []
-
-    def exclude(request, response):
-        left_out.append(request.push_id)
-        response.success = True
-        return response
-
-    ros.node("estimator", namespace="/cell").create_service(SelectPush, "estimator/exclude_push", exclude)
     table.choose("repeat")
     assert table.wait_for_message("push 1 (again) of 3: place the object at").push_id == 3
     last = table.wait_for_end()
     assert (last.completed, last.aborted, last.skipped, last.message) == (3, 0, 0, "3 of 3 pushes done")
     assert pushed(table.states) == [0, 3, 1, 2]
-    assert left_out == [0]
+    assert table.left_out == [0]
 
 
 def test_a_push_that_a_pause_ended_is_repeated_without_a_person(ros, controller, tmp_path, capfd):
@@ -492,17 +501,23 @@ def test_a_push_that_gave_no_observation_is_named_at_once_and_can_be_repeated(ro
     assert ("the object is not seen" in asked.message) == (not table.visible)
     assert table.states[-1].position == pytest.approx(0.0, abs=1e-3)  # nothing stopped it
     table.observed = table.visible = True
+    table.settled = (2**31 - 1) * 10**9
     assert table.call("experiment/repeat")
     last = table.wait_for_end()
     assert (last.completed, last.aborted, last.skipped) == (2, 0, 0)
     assert pushed(table.states) == [1, 4, 2]
 
 
-def test_a_push_without_observations_counts_as_lost_where_nobody_attends(ros, controller, tmp_path):
+@pytest.mark.parametrize("estimator", [True, False])
+def test_a_push_without_observations_counts_as_lost_where_nobody_attends(ros, controller, tmp_path, monkeypatch, estimator):
+    """The estimator is told to leave it out, if there is one; else the run ends all the same, after LAST_WORDS."""
     table = Table(ros, tmp_path, attended=False, start=3)
     table.observed = False
+    if not estimator:
+        table._node.destroy_service(table._estimator)
+        monkeypatch.setattr(experiment, "LAST_WORDS", 0.5)
     last = table.wait_for_end()
-    assert (last.completed, last.aborted) == (0, 1)
+    assert (last.completed, last.aborted, table.left_out) == (0, 1, [2] * estimator)
 
 
 def test_an_estimator_that_is_behind_is_awaited_after_a_push(ros, controller, tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 
 from pushfric_core.offline.many import Line, objections
 from pushfric_core.offline.outliers import FEWEST, differing
+from pushfric_core.offline.table import believed_center
 from pushfric_core.report.figures import Centers, centers_figure
 
 PAGE, FIGURE = "report.md", "centers.svg"
@@ -19,18 +20,12 @@ def mark_outliers(lines: Sequence[Line]) -> list[Line]:
     """The lines; if an estimate differs from the others of its object, its line gets the key `differs` with the reasons."""
     marked = {line["input"]: dict(line) for line in lines}
     for group in by_object(lines).values():
-        points = [_center(line) for line in group]
+        points = [believed_center(line) for line in group]
         errors = [line["objective"] / max(line["data_points"], 1) for line in group]
         for line, reasons in zip(group, differing(points, errors, [_mu_c(line) for line in group]), strict=True):
             if reasons:
                 marked[line["input"]]["differs"] = reasons
     return list(marked.values())
-
-
-def _center(line: Line) -> list[float]:
-    """The belief's p_CF; that of the program if the pushes do not show how far it is off."""
-    known: list[float] = line["belief"].get("center_of_friction", line["center_of_friction"])
-    return known
 
 
 def _mu_c(line: Line) -> float | None:
@@ -101,13 +96,13 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
 def _centers(name: str, group: Sequence[Line]) -> Centers:
     return Centers(
         name,
-        np.array([_center(line) for line in group]),
+        np.array([believed_center(line) for line in group]),
         [pathlib.Path(line["input"]).name if "differs" in line else "" for line in group],
     )
 
 
 def _row(name: str, group: Sequence[Line]) -> str:
-    points = 1e3 * np.array([_center(line) for line in group])
+    points = 1e3 * np.array([believed_center(line) for line in group])
     x, y = middle = np.median(points, axis=0)
     within = np.median(np.linalg.norm(points - middle, axis=1))
     values = [value for line in group if (value := _mu_c(line)) is not None]

@@ -30,10 +30,10 @@ def _number(*keys: str | int) -> Callable[[Line], float | None]:
     return lambda line: None if found(line) is None else float(found(line))
 
 
-def _believed(axis: int) -> Callable[[Line], float | None]:
-    """A coordinate of the belief's p_CF; that of the program if the pushes do not show how far it is off."""
-    believed, by_program = _number("belief", "center_of_friction", axis), _number("center_of_friction", axis)
-    return lambda line: by_program(line) if believed(line) is None else believed(line)
+def believed_center(line: Line) -> list[float]:
+    """The belief's p_CF; that of the program if the pushes do not show how far it is off."""
+    known: list[float] = line["belief"].get("center_of_friction", line["center_of_friction"])
+    return known
 
 
 COVARIANCE = "belief", "covariance"
@@ -45,8 +45,8 @@ COLUMNS: dict[str, Callable[[Line], Any]] = {
     "use": lambda line: not objections(line) if "belief" in line else None,
     "error": _at("error"),
     "reasons": lambda line: " ".join(one["code"] for one in objections(line)) if "belief" in line else None,
-    "p_cf_x": _believed(0),
-    "p_cf_y": _believed(1),
+    "p_cf_x": lambda line: believed_center(line)[0] if "belief" in line else None,
+    "p_cf_y": lambda line: believed_center(line)[1] if "belief" in line else None,
     "var_x": _number(*COVARIANCE, 0, 0),
     "var_y": _number(*COVARIANCE, 1, 1),
     "cov_xy": _number(*COVARIANCE, 0, 1),

@@ -103,7 +103,7 @@ def summary_figure(
         _draw_support_friction(friction, outline, estimates[-1], truth)
         _draw_contact_friction(contact, estimates[-1], [one.push_id in slipping for one in data], truth)
         _draw_center_of_friction(errors, outline, estimates, truth)
-        _save(figure, path)
+        save(figure, path)
 
 
 def limit_surface_figure(
@@ -149,7 +149,7 @@ def limit_surface_figure(
             section.plot(*(ellipse * scale[1:]).T, ls=style, color=OTHER, lw=1.4, label=f"ellipsoid, {name}")
         section.set(title="Section $f_x = 0$", xlabel="$f_y$ [support friction]", ylabel="$m$ [support friction $\\times$ mm]")
         section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
-        _save(figure, path)
+        save(figure, path)
 
 
 class Centers(NamedTuple):
@@ -188,7 +188,7 @@ def centers_figure(path: pathlib.Path, objects: Sequence[Centers]) -> None:
             axes.axis("off")
         if any(label for one in shown for label in one.labels):
             figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-        _save(figure, path)
+        save(figure, path)
 
 
 def table_error_figure(path: pathlib.Path, places: Array, errors: Array) -> None:
@@ -211,14 +211,19 @@ def table_error_figure(path: pathlib.Path, places: Array, errors: Array) -> None
         axes.set(title="Error of a place on the table, 1 sigma", xlabel="x [mm]", ylabel="y [mm]")
         axes.set_aspect("equal")
         figure.colorbar(map_, label="mm")
-        _save(figure, path)
+        save(figure, path)
 
 
-def _save(figure: Figure, path: pathlib.Path) -> None:
+def save(figure: Figure, path: pathlib.Path, dpi: int = 130) -> None:
+    """Write a figure; the suffix of the path selects the format.
+
+    Raises:
+        InvalidInput: the image cannot be written, or has no such format.
+    """
     check_image_name(path)
     make_folder(path.parent)
     try:
-        figure.savefig(path, dpi=130)
+        figure.savefig(path, dpi=dpi)
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be written: {error.strerror or error}") from error
 

@@ -79,7 +79,6 @@ class SimulatedGrbl(SerialController):
             27: f"{PULL_OFF:.3f}", 30: "1000", 31: "0", 32: "0",
             **{first + axis: f"{value:.3f}" for first, value in per_axis.items() for axis in range(len(AXES))},
         }  # fmt: skip
-        self._lose = 0
         self._asked_at = 0.0  # [s]
         self._carriage = 0.0  # where it rests, or the motion begins [mm]
         self._motion: CarriageMotion | None = None
@@ -103,11 +102,6 @@ class SimulatedGrbl(SerialController):
             return self._clock() - self._asked_at if self._motion is not None and self.opened else 0.0
 
     # Faults
-
-    def lose_bytes(self, count: int) -> None:
-        """The first bytes of the controller's next status report never arrive."""
-        with self._lock:
-            self._lose = count
 
     def reset(self) -> None:
         """Power fails for a moment: the carriage stops at once, the controller boots and has forgotten where it is."""
@@ -164,8 +158,7 @@ class SimulatedGrbl(SerialController):
         # during the homing cycle GRBL does not report; after a limit it accepts only a reset
         if self._asked and self._state != "Home" and not self._deaf:
             self._asked = False
-            lost, self._lose = self._lose, 0
-            self._say(self._report()[lost:])
+            self._say(self._report())
 
     def _report(self) -> str:
         carriage, speed = self._now()
