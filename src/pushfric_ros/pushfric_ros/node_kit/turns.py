@@ -120,9 +120,7 @@ class Turns(Waitable):
                 raise ValueError(f"no answer within {call.allowed:g} s")
             if call.clients > SHARE:
                 name = call.service.service_name
-                raise ValueError(
-                    f"more than {SHARE} clients share {name}, and lose answers: ask {name}/NAME, a name of your own"
-                )
+                raise ValueError(f"more than {SHARE} clients share {name}, and lose answers: each must ask {name}/ITS_OWN_NAME")
             next(call.answer)
         except StopIteration as end:
             self.answered += 1
