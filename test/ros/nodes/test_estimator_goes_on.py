@@ -304,8 +304,8 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
         writer.flush()
         assert [each.msg.position for each in resumption.read_on()] == [msg.position for msg in STATES[5:9]]
         assert resumption.start.object == "wood_rect3"
-        resumption.hold("pusher_state", STATES[11])  # 9 and 10 were published before it was subscribed
-        resumption.hold("pusher_state", STATES[12])
+        resumption.hold("pusher_state", STATES[11], None)  # 9 and 10 were published before it was subscribed
+        resumption.hold("pusher_state", STATES[12], None)
         assert resumption.held is None
         write(*STATES[9:13], at=4)
         assert resumption.read_on() == []  # not flushed

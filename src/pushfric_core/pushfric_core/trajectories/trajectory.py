@@ -28,7 +28,7 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import Array, Pose, Twist, inverse, rotation, transform, wrap
 from pushfric_core.settings import check_ranges, setting
-from pushfric_core.trajectories.clocks import Delays, clock_step
+from pushfric_core.trajectories.clocks import Clocks
 from pushfric_core.trajectories.course import Course, Planned
 from pushfric_core.trajectories.ledger import (
     BETWEEN_FRAMES,
@@ -184,7 +184,7 @@ class Trajectory:
         self._waiting: deque[PoseSample] = deque()  # frames for which no later pusher state is known yet
         self._pushers: deque[PusherSample] = deque()  # from the last judged frame on
         self._course = Course()
-        self._delays = Delays(), Delays()  # of the poses and of the pusher states
+        self._clocks = Clocks()  # of the poses and of the pusher states
         self._partners = 0  # of the first of them, how many lie next to a frame of a push: 0, 1 or 2
         self._judged = -1  # stamp of the last judged frame [ns]
         self._taken = -1  # stamp of the frame that completed an observation before it was judged [ns]
@@ -249,7 +249,7 @@ class Trajectory:
             states.end(self._fate_of(state, number < self._partners, math.inf))
         for doubt in self._course.doubts(self._poses, self._states, self.config, planned, numbered, ended):
             ledger.doubt(*doubt)
-        if (step := clock_step(*self._delays)) is not None:
+        if (step := self._clocks.step) is not None:
             late = "later" if step.size > 0 else "earlier"
             text = f"the clocks step: from here on, poses are stamped {abs(step.size):.3f} s {late} against the pusher states"
             ledger.doubt(DoubtCode.CLOCKS_STEP, text, step.received)
@@ -267,7 +267,7 @@ class Trajectory:
         if not all(map(math.isfinite, sample.pose)):
             raise ValueError(f"a pose must be finite, got {tuple(map(float, sample.pose))}")
         if received is not None:
-            self._delays[0].add(sample.stamp, received)
+            self._clocks.add(0, sample.stamp, received)
         found = []
         for known in self._poses.take(sample):
             if len(self._waiting) == REMEMBERED:
@@ -282,7 +282,7 @@ class Trajectory:
         `Stream` says which states count. One with the stamp of the last does: it is the newer one where a clock stood still.
         """
         if received is not None:
-            self._delays[1].add(sample.stamp, received)
+            self._clocks.add(1, sample.stamp, received)
         found = []
         for known in self._states.take(sample):
             self._course.add(known)
