@@ -261,7 +261,7 @@ class Trajectory:
             late = "later" if step.size > 0 else "earlier"
             text = f"the clocks step: from here on, poses are stamped {abs(step.size):.3f} s {late} against the pusher states"
             ledger.doubt(DoubtCode.CLOCKS_STEP, text, step.received)
-        if (lag := self.lag) is not None and lag.is_large:
+        elif (lag := self.lag) is not None and lag.is_large:
             late = "late" if lag.mean > 0 else "early"
             text = f"the motion shows that poses are stamped {abs(lag.mean):.3f} s too {late} against the pusher states"
             text = f"{text} (90 %: within {lag.radius:.3f} s); pose_lag: {lag.mean:.3f} corrects it"
