@@ -289,8 +289,8 @@ WRONG = [
     ("predict_stroke", {"positions": [0.1, float("inf")]}, "positions must be finite"),
     ("predict_stroke", {"starts": [float("nan"), *[0.0] * 5]}, "starts must be finite"),
     ("predict_push", {"tip_velocities": [0.0, 0.02, 0.01]}, "tip_velocities must have 2 numbers each, got 3 in all"),
-    ("predict_stroke", {"step": 1e-9}, "step must be 0, or 0.0001 to 0.01 m, got 1e-09"),
-    ("predict_stroke", {"step": 1e300}, "step must be 0, or 0.0001 to 0.01 m, got 1e+300"),
+    ("predict_stroke", {"step": 1e-9}, "step must be 0, or 0.0001 to 0.1 m, got 1e-09"),
+    ("predict_stroke", {"step": 1e300}, "step must be 0, or 0.0001 to 0.1 m, got 1e+300"),
     ("stable_pushes", {"turns": [0, 1]}, "turns must be +1 or -1"),
     ("stable_pushes", {"half_widths": [1.0, 0.01]}, "half_width must be at most"),
 ]

@@ -29,7 +29,7 @@ from pushfric_ros.nodes.planner.known import Known
 NUMBERS = 2 * BLOCK
 """Support points times samples times pushes in a slice: some 10 ms of work."""
 
-LEAST_STEP, LARGEST_STEP = 1e-4, 1e-2
+LEAST_STEP, LARGEST_STEP = 1e-4, 0.1
 """Limits of the step of a stroke [m]: more steps take too long, and fewer miss the corners of an object."""
 
 
