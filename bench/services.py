@@ -18,7 +18,6 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Point, Vector3
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -35,7 +34,8 @@ from pushfric_msgs.srv import PredictPush
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.messages.conversions import MODEL_TOPIC, friction_model_to_msg
-from pushfric_ros.node_kit.qos import LATCHED, REQUESTS
+from pushfric_ros.node_kit.planner_client import planner_client
+from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.node_kit.visit import visit
 
 STEPS = 2
@@ -62,9 +62,7 @@ def question(count: int) -> PredictPush.Request:
     normals = outline.normals[edges]
     velocities = 0.02 * (0.4 * rng.normal(size=(count, 2)) - normals)
     return PredictPush.Request(
-        contact_points=[Point(x=x, y=y) for x, y in points.tolist()],
-        contact_normals=[Vector3(x=x, y=y) for x, y in normals.tolist()],
-        tip_velocities=[Vector3(x=x, y=y) for x, y in velocities.tolist()],
+        contact_points=points.ravel(), contact_normals=normals.ravel(), tip_velocities=velocities.ravel()
     )
 
 
@@ -116,7 +114,7 @@ class _Planner(pipeline.Listener):
     def subscribe(self, node: Node) -> None:
         super().subscribe(node)
         self._one, self._many = question(1), question(MANY)
-        self._client, self._greedy = (node.create_client(PredictPush, "planner/predict_push") for _ in range(2))
+        self._client, self._greedy = (planner_client(node, PredictPush) for _ in range(2))
         node.create_subscription(PusherState, "pusher_state", self._on_pusher_state, pipeline.DEEP)
         node.create_subscription(Heartbeat, "heartbeat", self._on_heartbeat, pipeline.DEEP)
         node.create_timer(1 / RATE, self._ask)
@@ -184,7 +182,9 @@ def _crowd() -> Figures:
         here.node.create_publisher(FrictionModel, MODEL_TOPIC, LATCHED).publish(msg)
         arguments = command(graph.NodeSpec("planner"), graph.NAMESPACE, pathlib.Path(folder))
         stack.enter_context(running(arguments, stdout=subprocess.DEVNULL))
-        clients = [here.node.create_client(PredictPush, "planner/predict_push", qos_profile=REQUESTS) for _ in range(CLIENTS)]
+        # with rclpy's own queues, as another language's client has them; that of `planner_client` is deeper
+        names = [f"planner/predict_push/client_{number}" for number in range(CLIENTS)]
+        clients = [here.node.create_client(PredictPush, name) for name in names]
 
         def spin(done: Callable[[], bool], patience: float = PATIENCE) -> None:
             deadline = time.monotonic() + patience

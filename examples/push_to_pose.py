@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -30,11 +30,12 @@ from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.geometry.planar import Array, left_of
 from pushfric_core.geometry.table_1 import TABLE_1, TableObject
 from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
-from pushfric_msgs.msg import Basis, PlanarPose
+from pushfric_msgs.msg import Basis
 from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
 from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.srv import PredictStroke
 from pushfric_ros.messages.conversions import MODEL_TOPIC, observation_to_msg
+from pushfric_ros.node_kit.planner_client import planner_client
 from pushfric_ros.node_kit.qos import LATCHED
 
 LOADS = {"delrin_rect_right": None, "wood_rect3": (0.6, 0.25, 0.15), "wood_rect4": (0.5, 0.3, 0.1, 0.1)}
@@ -77,7 +78,7 @@ class Cell:
     def __init__(self, node: Node, name: str, step: float) -> None:
         self.known = loaded(name)
         self._node, self._name, self._step = node, name, step
-        self._strokes = node.create_client(PredictStroke, "planner/predict_stroke")
+        self._strokes = planner_client(node, PredictStroke)
         self._reset = node.create_client(Trigger, "estimator/reset")
         self._observations = node.create_publisher(ObservationMsg, "observation", 2000)
         self._models = node.create_publisher(FrictionModelMsg, MODEL_TOPIC, LATCHED)
@@ -110,9 +111,9 @@ class Cell:
         contacts, directions = tips(self.known, poses, strokes)
         origins = contacts - APPROACH * directions
         request = PredictStroke.Request(
-            starts=[PlanarPose(x=x, y=y, theta=theta) for x, y, theta in poses.tolist()],
-            origins=[Point(x=x, y=y) for x, y in origins.tolist()],
-            directions=[Vector3(x=x, y=y) for x, y in directions.tolist()],
+            starts=poses.ravel(),
+            origins=origins.ravel(),
+            directions=directions.ravel(),
             tip_radii=np.full(len(poses), TIP_RADIUS),
             positions=APPROACH + strokes[:, 3],
             step=self._step,
@@ -126,7 +127,7 @@ class Cell:
         if not (known and answer.success):
             why = answer.message if known else f"it knows {answer.basis.object}, not {self._name}"
             raise SystemExit(f"error: {self._strokes.service_name}: {why}")
-        return np.array([(end.x, end.y, end.theta) for end in answer.ends])
+        return np.reshape(answer.ends, (-1, 3))
 
     def learn(self, observations: Sequence[Observation]) -> None:
         """Send observations to the estimator."""

@@ -25,7 +25,6 @@ import cv2
 import numpy as np
 import public_sets
 import rearranged
-from geometry_msgs.msg import Point, Vector3
 from mcap.writer import CompressionType
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.rosbag2 import StoragePlugin
@@ -66,7 +65,7 @@ from pushfric_core.report.report import to_json
 from pushfric_core.vision.camera import Camera, Lens, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points
-from pushfric_msgs.msg import FrictionModel, PlanarPose
+from pushfric_msgs.msg import FrictionModel
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import (
     friction_model_to_msg,
@@ -530,13 +529,12 @@ QUESTIONS = (
 
 def _questions() -> list[bytes]:
     """Requests of each kind, and a model."""
-    point, normal = Point(x=0.0, y=-0.032), Vector3(y=-1.0)
-    contact = {"contact_points": [point], "contact_normals": [normal]}
+    contact = {"contact_points": [0.0, -0.032], "contact_normals": [0.0, -1.0]}
     requests = (
-        PredictPush.Request(**contact, tip_velocities=[Vector3(y=1.0)], with_samples=True),
-        StablePushes.Request(**contact, half_widths=[0.01], centers_of_rotation=[Point(x=0.1)], turns=[1]),
+        PredictPush.Request(**contact, tip_velocities=[0.0, 1.0], with_samples=True),
+        StablePushes.Request(**contact, half_widths=[0.01], centers_of_rotation=[0.1, 0.0], turns=[1]),
         PredictStroke.Request(
-            starts=[PlanarPose()], origins=[Point(y=-0.04)], directions=[Vector3(y=1.0)], tip_radii=[0.003], positions=[0.01]
+            starts=[0.0, 0.0, 0.0], origins=[0.0, -0.04], directions=[0.0, 1.0], tip_radii=[0.003], positions=[0.01]
         ),
         MotionCone.Request(**contact),
         GetLimitSurface.Request(deadline=1.0),

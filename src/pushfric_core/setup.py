@@ -42,7 +42,8 @@ def compiled() -> list[Extension]:
         Extension(
             ".".join(types.with_suffix("").parts),
             [str(types.with_suffix(".py"))],
-            extra_compile_args=["-O3", "-g0", "-ffp-contract=off"],  # no fused multiply-add: the same bits on every machine
+            # no fused multiply-add: the same bits on every machine; nobody reads errno, which costs a fifth of the time
+            extra_compile_args=["-O3", "-g0", "-ffp-contract=off", "-fno-math-errno"],
             optional=True,
         )
         for types in sorted(pathlib.Path("pushfric_core").rglob("*.pxd"))

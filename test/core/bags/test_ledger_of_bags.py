@@ -15,6 +15,7 @@ from semantic_damage import DAMAGES, SECOND, STREAM_DAMAGES, STREAMS, Recording,
 from pushfric_core import InvalidInput, Outline, TrajectoryConfig, load
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.files.object_file import load_object
+from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.recorded_run import disagreements
@@ -305,3 +306,38 @@ def test_aborted_pushes_are_counted_against_the_plan():
         assert (monitor.planned, monitor.aborted) == (10, 9)
         monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_PUSHING, push_id=14 + 3, count=14))
         assert monitor.next_push == 4
+
+
+def test_poses_that_are_stamped_late_are_doubted_and_corrected(recording, whole, tmp_path):
+    late = [recording.stamped(m, SECOND // 10) if m.topic == POSE else m for m in recording.messages]
+    bag = recording.write(tmp_path / "late", late)
+    said = "the motion shows that poses are stamped"
+    run = invoked("estimate", bag)
+    assert (run.exit_code, said in run.stderr) == (1, True), run.stderr
+    corrected = invoked("estimate", bag, "--pose-lag", 0.1)
+    assert (corrected.exit_code, said in corrected.stderr) == (0, False), corrected.stderr
+    settings = ChosenSettings({"pose_lag": 0.1}).over(Recorded(bag).settings)
+    reading = Recorded(bag).read(load_object(str(DEMO / "object.yaml")), settings, lambda _: None)
+    assert contents(reading) == contents(whole[0])
+
+
+@pytest.mark.parametrize("command", ["estimate", "region", "predict", "stable", "export"])
+def test_every_command_ends_alike_for_a_bag_in_doubt(recording, tmp_path, command):
+    begin, end = recording.span_of(5)
+    kept = [m for m in recording.messages if not begin <= m.log_time_ns <= end]
+    bag = recording.write_elsewhere(tmp_path / "bag", kept)
+    contact = {"contact_x": 0.0, "contact_y": -0.032, "normal_x": 0, "normal_y": -1}
+    moved, turned = {"tip_vx": 0.0, "tip_vy": 0.02}, {"half_width": 0.01, "cor_x": 0.5, "cor_y": 0.0, "turn": 1}
+    for name, more in (("predict", moved), ("stable", turned)):
+        row = contact | more
+        (tmp_path / f"{name}.csv").write_text(f"{','.join(row)}\n{','.join(map(str, row.values()))}\n")
+    options = {
+        "predict": ("--pushes", tmp_path / "predict.csv"),
+        "stable": ("--pushes", tmp_path / "stable.csv"),
+        "export": ("--to", "json", "--out", tmp_path),
+    }
+    call = (command, bag, *options.get(command, ()))
+    said = "push 6 is missing"
+    for partial, code in (((), 1), (("--partial",), 0)):
+        run = invoked(*call, *partial)
+        assert (run.exit_code, said in " ".join(run.stderr.split())) == (code, True), run.output

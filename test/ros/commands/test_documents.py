@@ -76,6 +76,7 @@ EXCERPTS = {
     ("docs/cell.md", "setup("): "part of the setup.py of another package",
     ("docs/cell.md", "pusher: {driver: crane"): "its driver is in another package",
     ("docs/graph.md", "import rclpy"): "it spins for ever; test_the_subscriber_of_the_docs_prints_an_estimate runs it",
+    ("docs/planning.md", "import rclpy"): "it needs a planner; test_the_client_of_the_docs_prints_an_answer runs it",
 }
 """Beginnings of snippets that are not read here, and why."""
 
@@ -327,6 +328,15 @@ def test_the_subscriber_of_the_docs_prints_an_estimate(ros, tmp_path):
             assert planner.stdout.readline().startswith("geometry_msgs.msg.Point(")
         finally:
             planner.terminate()
+
+
+def test_the_client_of_the_docs_prints_an_answer(ros):
+    from pushfric_ros.nodes.planner import PlannerNode
+
+    (snippet,) = [block.text for block in blocks("docs/planning.md") if block.text.startswith("import rclpy")]
+    ros.compose(PlannerNode(namespace="/cell"))
+    run = subprocess.run([sys.executable, "-c", snippet], capture_output=True, text=True, timeout=120)
+    assert run.stdout == "[] no model has come yet on friction_model: is the estimator running?\n", run.stderr
 
 
 def other_words():

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from calls import PROGRAM, figures, invoked, pushfric
-from geometry_msgs.msg import Point, Vector3
 from problems import observations_of
 from semantic_damage import SECOND, Recording
 
@@ -43,6 +42,7 @@ from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, Friction
 from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg, report_from_msg
 from pushfric_ros.node_kit.parameters import overrides
+from pushfric_ros.node_kit.planner_client import planner_client
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
@@ -247,31 +247,27 @@ def by_node(ros, case, model):
 
     ros.wait_for(complete, what="answers from all observations")
 
-    def ask(kind, name, **parts):
-        client = node.create_client(kind, f"planner/{name}")
-        ros.wait_for(client.service_is_ready, what=name)
+    def ask(kind, **parts):
+        client = planner_client(node, kind)
+        ros.wait_for(client.service_is_ready, what=client.service_name)
         answer = client.call_async(kind.Request(**parts))
-        ros.wait_for(answer.done, what=f"the answer of {name}")
+        ros.wait_for(answer.done, what=f"the answer of {client.service_name}")
         assert answer.result().success, answer.result().message
         assert answer.result().basis.data_points == count
         return answer.result()
 
     def contacts(pushes):
-        points, normals = pushes.contact_points.tolist(), pushes.contact_normals.tolist()
-        vectors = [Vector3(x=x, y=y) for x, y in normals]
-        return {"contact_points": [Point(x=x, y=y) for x, y in points], "contact_normals": vectors}
+        return {"contact_points": pushes.contact_points.ravel(), "contact_normals": pushes.contact_normals.ravel()}
 
-    velocities = [Vector3(x=x, y=y) for x, y in case.moved.tip_velocities.tolist()]
-    moved = ask(PredictPush, "predict_push", **contacts(case.moved), tip_velocities=velocities)
+    moved = ask(PredictPush, **contacts(case.moved), tip_velocities=case.moved.tip_velocities.ravel())
     held = ask(
         StablePushes,
-        "stable_pushes",
         **contacts(case.turned),
         half_widths=case.turned.half_widths.tolist(),
-        centers_of_rotation=[Point(x=x, y=y) for x, y in case.turned.centers.tolist()],
+        centers_of_rotation=case.turned.centers.ravel(),
         turns=[int(turn) for turn in case.turned.turns],
     )
-    surface = ask(GetLimitSurface, "limit_surface").limit_surface
+    surface = ask(GetLimitSurface).limit_surface
     estimate, region = last[FrictionEstimate], last[CenterOfFrictionRegion]
     modes = {number: mode.value for mode, number in MODE_TO_MSG.items()}
     friction = estimate.contact_friction
@@ -287,10 +283,10 @@ def by_node(ros, case, model):
             "rejected": [one.push_id for one in estimate.rejected],
         },
         "predict": [
-            [[t.linear.x, t.linear.y, t.angular.z] for t in moved.twists],
+            np.reshape(moved.twists, (-1, 3)).tolist(),
             [modes[mode] for mode in moved.modes],
             list(moved.spreads),
-            [[f.x, f.y] for f in moved.forces],
+            np.reshape(moved.forces, (-1, 2)).tolist(),
             np.array(moved.covariances).reshape(-1, 3, 3).tolist(),
         ],
         "stable": [list(held.stable), list(held.margins), list(held.probabilities)],
@@ -403,19 +399,16 @@ def replayed(ros, bag, friction, folder):
             node, last = ros.node("late", namespace="/cell"), {}
             for kind in (FrictionEstimate, FrictionModel):
                 node.create_subscription(kind, TOPICS[kind], lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
-            client = node.create_client(PredictPush, "planner/predict_push")
+            client = planner_client(node, PredictPush)
             ros.wait_for(lambda: len(last) == 2 and client.service_is_ready(), what="the estimate and the model that stay")
-            points, normals = [Point(x=0.0, y=-0.03)], [Vector3(y=-1.0)]
-            answer = client.call_async(
-                PredictPush.Request(contact_points=points, contact_normals=normals, tip_velocities=[Vector3(y=0.02)])
-            )
+            pushed = {"contact_points": [0.0, -0.03], "contact_normals": [0.0, -1.0], "tip_velocities": [0.0, 0.02]}
+            answer = client.call_async(PredictPush.Request(**pushed))
             ros.wait_for(answer.done, what="the answer of the planner")
         finally:
             process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
-    (twist,) = answer.result().twists
     expected = predict(friction, [[0.0, -0.03]], [[0.0, -1.0]], [[0.0, 0.02]])
-    assert [[twist.linear.x, twist.linear.y, twist.angular.z]] == expected.twists.tolist()
+    assert [list(answer.result().twists)] == expected.twists.tolist()
     assert list(answer.result().covariances) == expected.covariance.ravel().tolist()
     samples, model = np.array(last[FrictionModel].w).reshape(-1, len(friction.support.weights)), last[FrictionModel]
     assert [samples.tolist(), list(model.mu_c), list(model.weights), model.misfit] == [

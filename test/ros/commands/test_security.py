@@ -53,6 +53,11 @@ def test_only_the_experiment_may_push(allowed):
     assert {one for wanted in allowed.values() for one in wanted if "/_action/" in one.name} == set()
 
 
+def test_a_planner_serves_clients_by_names_of_their_own(allowed):
+    for name in ("/left/planner/predict_push", "/left/planner/predict_push/*"):
+        assert holders(allowed, "serves", "service", name) == {"/left/planner"}
+
+
 def test_a_person_may_stop_and_reset(allowed):
     by_hand = {"/left/command_line", "/left/view"}
     assert holders(allowed, "publishes", "topic", "/left/stop") == by_hand

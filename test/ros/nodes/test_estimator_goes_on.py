@@ -1,6 +1,7 @@
 """Models that are loaded and saved, and an estimator that dies: nothing is lost, and nothing counts twice."""
 
 import contextlib
+import pathlib
 import subprocess
 import sys
 import time
@@ -10,20 +11,24 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from problems import observations_of
 from rclpy.serialization import serialize_message
+from semantic_damage import STREAMS, Recording
 from std_srvs.srv import Trigger
 from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, pusher_msg
 
 from pushfric_core import TABLE_1, Estimator, InvalidInput, Pose, Trajectory
+from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.mcap_file import GrowingFile
-from pushfric_core.bags.recorded import Recorded, beside
+from pushfric_core.bags.recorded import POSE_TOPICS, Recorded, beside
 from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.resumption import Resumption
+from pushfric_core.bags.run_record import PLAN
 from pushfric_core.bags.samples import pose_sample_from_msg, pusher_sample_from_msg, stamp_from_msg
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, prior, save_model
 from pushfric_core.files.object_file import PRIOR_FILE, load_object
+from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstimate, Observation, PusherState
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.graph.graph import TOPICS
@@ -33,6 +38,7 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.recorder import RecorderNode
 
+DEMO = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
 START = 10**18
 LONG = 240.0
 MODEL = load_object(NAME)
@@ -304,8 +310,8 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
         writer.flush()
         assert [each.msg.position for each in resumption.read_on()] == [msg.position for msg in STATES[5:9]]
         assert resumption.start.object == "wood_rect3"
-        resumption.hold("pusher_state", STATES[11])  # 9 and 10 were published before it was subscribed
-        resumption.hold("pusher_state", STATES[12])
+        resumption.hold("pusher_state", STATES[11], None)  # 9 and 10 were published before it was subscribed
+        resumption.hold("pusher_state", STATES[12], None)
         assert resumption.held is None
         write(*STATES[9:13], at=4)
         assert resumption.read_on() == []  # not flushed
@@ -313,3 +319,51 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
         writer.flush()
         assert len(resumption.read_on()) == 4
         assert [held.msg.position for held in resumption.held] == [msg.position for msg in STATES[11:13]]
+
+
+def as_it_came(messages):
+    """The ledger of an estimator to which these messages of a bag come, when they were recorded."""
+    node = EstimatorNode(namespace="/cell", parameter_overrides=overrides({"object": str(DEMO / "object.yaml")}))
+    bag = Bag(DEMO)
+    for message in messages:
+        name = message.topic.removeprefix("/cell/")
+        if name in (*POSE_TOPICS, PLAN):
+            node._take_input(name, bag.deserialize(message), message.log_time_ns)
+    ledger = node._ledger()
+    node.destroy_node()
+    return ledger
+
+
+def without_a_push(recording):
+    begin, end = recording.span_of(5)
+    return [one for one in recording.messages if not begin <= one.log_time_ns <= end]
+
+
+def with_another_clock(recording):
+    states = recording.numbers(STREAMS[1])
+    later = {*states[len(states) // 2 :]}
+    return [recording.stamped(one, 6 * 10**7) if number in later else one for number, one in enumerate(recording.messages)]
+
+
+def without_the_poses_of_a_push(recording):
+    begin, end = recording.span_of(5)
+    return [one for one in recording.messages if one.topic != STREAMS[0] or not begin <= one.log_time_ns <= end]
+
+
+@pytest.mark.parametrize(
+    ("damage", "codes"),
+    [
+        (lambda recording: recording.messages, set()),
+        (without_a_push, {DoubtCode.PUSHES_MISSING, DoubtCode.NO_OBSERVATIONS, DoubtCode.BOTH_MISSING}),
+        (with_another_clock, {DoubtCode.CLOCKS_STEP, DoubtCode.NO_OBSERVATIONS}),
+        (without_the_poses_of_a_push, {DoubtCode.POSES_MISSING, DoubtCode.NO_OBSERVATIONS}),
+    ],
+)
+def test_the_live_ledger_has_the_doubts_of_the_bag(ros, tmp_path, damage, codes):
+    recording = Recording(DEMO)
+    messages = damage(recording)
+    live = as_it_came(messages)
+    bag = Recorded(recording.write(tmp_path / "bag", messages)).ledger()
+    assert {one.code for one in live.doubts} == codes
+    # the bag also holds what the run said of itself
+    assert set(live.doubts) == {one for one in bag.doubts if one.code is not DoubtCode.RUN_DIFFERS}

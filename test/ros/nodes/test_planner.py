@@ -4,7 +4,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, Vector3
+from geometry_msgs.msg import Point
 from problems import observations_of
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -19,12 +19,13 @@ from pushfric_core.mechanics.prediction import motion_cone, predict, stability
 from pushfric_core.mechanics.simulation import ContactMode
 from pushfric_core.mechanics.strokes import predict_strokes
 from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ellipsoid
-from pushfric_msgs.msg import Basis, FrictionModel, Observation, PlanarPose
+from pushfric_msgs.msg import Basis, FrictionModel, Observation
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
 from pushfric_ros.node_kit import turns
 from pushfric_ros.node_kit.diagnostics import Level
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, REQUESTS
+from pushfric_ros.node_kit.planner_client import QUESTIONS, planner_client
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 
@@ -37,26 +38,11 @@ CENTERS, TURNS = np.array(((-0.4, 0.0), (0.0, -0.01))), np.array((1, -1))
 STARTS = [Pose(0.0, 0.0, 0.1), Pose(0.01, 0.0, -0.2)]
 LINES = [PushingLine((0.0, -0.1), (0.0, 1.0), 0.003), PushingLine((-0.1, 0.01), (1.0, 0.0), 0.003)]
 POSITIONS = [0.1, 0.08]
-KINDS = {
-    "predict_push": PredictPush,
-    "predict_stroke": PredictStroke,
-    "motion_cone": MotionCone,
-    "stable_pushes": StablePushes,
-    "limit_surface": GetLimitSurface,
-}
-
-
-def point(xy):
-    return Point(x=float(xy[0]), y=float(xy[1]))
-
-
-def vector(xy):
-    return Vector3(x=float(xy[0]), y=float(xy[1]))
 
 
 def push_request(points=CONTACTS, normals=NORMALS, velocities=VELOCITIES, **more):
-    contacts = {"contact_points": list(map(point, points)), "contact_normals": list(map(vector, normals))}
-    return PredictPush.Request(**contacts, tip_velocities=list(map(vector, velocities)), **more)
+    contacts = {"contact_points": points.ravel(), "contact_normals": normals.ravel()}
+    return PredictPush.Request(**contacts, tip_velocities=velocities.ravel(), **more)
 
 
 def many_pushes(count, **more):
@@ -71,19 +57,19 @@ def many_pushes(count, **more):
 
 def turn_request():
     return StablePushes.Request(
-        contact_points=list(map(point, CONTACTS)),
-        contact_normals=list(map(vector, NORMALS)),
+        contact_points=CONTACTS.ravel(),
+        contact_normals=NORMALS.ravel(),
         half_widths=[0.02, 0.01],
-        centers_of_rotation=list(map(point, CENTERS)),
+        centers_of_rotation=CENTERS.ravel(),
         turns=TURNS.tolist(),
     )
 
 
 def stroke_request(**more):
     return PredictStroke.Request(
-        starts=[PlanarPose(x=pose.x, y=pose.y, theta=pose.theta) for pose in STARTS],
-        origins=[point(line.origin) for line in LINES],
-        directions=[vector(line.direction) for line in LINES],
+        starts=np.ravel(STARTS),
+        origins=np.ravel([line.origin for line in LINES]),
+        directions=np.ravel([line.direction for line in LINES]),
         tip_radii=[line.tip_radius for line in LINES],
         positions=POSITIONS,
         **more,
@@ -124,13 +110,13 @@ class Cell:
         self.ros.wait_for(lambda: self.planner._known.basis.data_points == count, what="the planner's model")
 
     def client(self, name, kind=None, node=None):
-        kind = kind or KINDS[name]
-        client = (node or self.node).create_client(kind, name if "/" in name else f"planner/{name}", qos_profile=REQUESTS)
+        node = node or self.node
+        client = node.create_client(kind, name) if kind else planner_client(node, QUESTIONS[name])
         self.ros.wait_for(client.service_is_ready, what=name)
         return client
 
-    def ask(self, name, request, kind=None):
-        answer = self.client(name, kind).call_async(request)
+    def ask(self, name, request, kind=None, client=None):
+        answer = (client or self.client(name, kind)).call_async(request)
         self.ros.wait_for(answer.done, what=f"the answer of {name}")
         return answer.result()
 
@@ -138,13 +124,13 @@ class Cell:
         return self.planner._health().values
 
 
-def floats(messages):
-    """The planar numbers of twists, or of vectors."""
-    return [(one.linear.x, one.linear.y, one.angular.z) if hasattr(one, "linear") else (one.x, one.y) for one in messages]
+def own_services(cell):
+    """Names of the planner's services that are for single clients."""
+    return [one.service_name for one in cell.planner.services if "/client_" in one.service_name]
 
 
-def rows(array):
-    return list(map(tuple, np.asarray(array).tolist()))
+def numbers(array):
+    return np.ravel(array).tolist()
 
 
 def test_answers_are_those_of_the_core_to_the_last_bit(ros):
@@ -153,11 +139,11 @@ def test_answers_are_those_of_the_core_to_the_last_bit(ros):
     _, model = expected_model()
     found, expected = cell.ask("predict_push", push_request(with_samples=True)), predict(model, CONTACTS, NORMALS, VELOCITIES)
     assert (found.success, found.message) == (True, "")
-    assert floats(found.twists) == rows(expected.twists)
+    assert list(found.twists) == numbers(expected.twists)
     assert list(found.modes) == [MODE_TO_MSG[mode] for mode in expected.modes]
     assert expected.modes[1] is ContactMode.FREE
     assert list(found.spreads) == expected.spread.tolist()
-    assert floats(found.forces) == rows(expected.forces)
+    assert list(found.forces) == numbers(expected.forces)
     assert list(found.covariances) == expected.covariance.ravel().tolist()
     assert list(found.sample_twists) == expected.samples.twists.ravel().tolist()
     assert list(found.weights) == model.share.tolist()
@@ -170,14 +156,14 @@ def test_answers_are_those_of_the_core_to_the_last_bit(ros):
 
     moved, strokes = cell.ask("predict_stroke", stroke_request(with_samples=True)), None
     strokes = predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS)
-    assert [(end.x, end.y, end.theta) for end in moved.ends] == rows(strokes.means)
+    assert list(moved.ends) == numbers(strokes.means)
     assert list(moved.sample_ends) == strokes.poses.ravel().tolist()
     assert list(moved.covariances) == strokes.covariance.ravel().tolist()
     assert strokes.means[0, 1] > 0.02
 
     request = MotionCone.Request(contact_points=push_request().contact_points, contact_normals=push_request().contact_normals)
     cones, cone = cell.ask("motion_cone", request), motion_cone(model, CONTACTS, NORMALS)
-    assert (floats(cones.right), floats(cones.left)) == (rows(cone.right), rows(cone.left))
+    assert (list(cones.right), list(cones.left)) == (numbers(cone.right), numbers(cone.left))
 
 
 def test_the_mean_alone_moves_as_with_its_samples(ros):
@@ -185,15 +171,15 @@ def test_the_mean_alone_moves_as_with_its_samples(ros):
     cell.estimate()
     _, model = expected_model()
     alone = cell.ask("predict_push", push_request(mean_only=True, with_samples=True))
-    assert floats(alone.twists) == rows(predict(model, CONTACTS, NORMALS, VELOCITIES).twists)
+    assert list(alone.twists) == numbers(predict(model, CONTACTS, NORMALS, VELOCITIES).twists)
     assert list(alone.weights) == [1.0]
     strokes = cell.ask("predict_stroke", stroke_request(mean_only=True))
     found = predict_strokes(model.mean, KNOWN.outline, STARTS, LINES, POSITIONS)
-    assert [(end.x, end.y, end.theta) for end in strokes.ends] == rows(found.means)
+    assert list(strokes.ends) == numbers(found.means)
     assert strokes.covariances.tolist() == found.covariance.ravel().tolist()
     coarse = cell.ask("predict_stroke", stroke_request(mean_only=True, step=0.005)).ends
     expected = predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS, 0.005).means
-    assert [(end.x, end.y, end.theta) for end in coarse] == rows(expected)
+    assert list(coarse) == numbers(expected)
     assert coarse != strokes.ends
     assert not len(strokes.sample_ends)
 
@@ -253,7 +239,7 @@ def test_slices_make_no_difference(ros):
     _, model = expected_model()
     pushes, request = many_pushes(1500, with_samples=True)
     found, expected = cell.ask("predict_push", request), predict(model, *pushes)
-    assert floats(found.twists) == rows(expected.twists)
+    assert list(found.twists) == numbers(expected.twists)
     assert list(found.sample_twists) == expected.samples.twists.ravel().tolist()
     assert list(found.spreads) == expected.spread.tolist()
 
@@ -291,18 +277,20 @@ def test_the_message_lists_the_coefficients_in_order():
 
 WRONG = [
     ("predict_push", {"contact_points": []}, "must have the same length, at least 1, got 0, 2, 2"),
-    ("predict_push", {"contact_normals": [Vector3(x=2.0), Vector3(x=1.0)]}, "contact_normals must have length 1, got 2"),
-    ("predict_push", {"tip_velocities": [Vector3(x=float("nan")), Vector3()]}, "must be finite"),
-    ("predict_push", {"contact_points": [point((0, -0.032)), point((0, 0.01))]}, "contact 1: the contact must be within"),
-    ("predict_push", {"contact_normals": [vector((0, -1)), vector((-1, 0))]}, "contact 1: the normal must point outward"),
+    ("predict_push", {"contact_normals": [2.0, 0.0, 1.0, 0.0]}, "contact_normals must have length 1, got 2"),
+    ("predict_push", {"tip_velocities": [float("nan"), 0.0, 0.0, 0.0]}, "must be finite"),
+    ("predict_push", {"contact_points": [0.0, -0.032, 0.0, 0.01]}, "contact 1: the contact must be within"),
+    ("predict_push", {"contact_normals": [0.0, -1.0, -1.0, 0.0]}, "contact 1: the normal must point outward"),
     ("predict_push", {"deadline": -1.0}, "no answer within -1 s"),
     ("predict_push", {"deadline": float("nan")}, "no answer within nan s"),
     ("predict_stroke", {"starts": []}, "must have the same length, at least 1, got 0, 2, 2, 2, 2"),
-    ("predict_stroke", {"directions": [vector((0, 1)), vector((0, 2))]}, "directions must have length 1, got 2"),
+    ("predict_stroke", {"directions": [0.0, 1.0, 0.0, 2.0]}, "directions must have length 1, got 2"),
     ("predict_stroke", {"tip_radii": [0.003, -0.003]}, "tip_radii must be at least 0, got -0.003"),
     ("predict_stroke", {"positions": [0.1, float("inf")]}, "positions must be finite"),
-    ("predict_stroke", {"starts": [PlanarPose(x=float("nan")), PlanarPose()]}, "starts must be finite"),
-    ("predict_stroke", {"step": 1e-9}, "step must be 0, or at least 0.0001 m, got 1e-09"),
+    ("predict_stroke", {"starts": [float("nan"), *[0.0] * 5]}, "starts must be finite"),
+    ("predict_push", {"tip_velocities": [0.0, 0.02, 0.01]}, "tip_velocities must have 2 numbers each, got 3 in all"),
+    ("predict_stroke", {"step": 1e-9}, "step must be 0, or 0.0001 to 0.1 m, got 1e-09"),
+    ("predict_stroke", {"step": 1e300}, "step must be 0, or 0.0001 to 0.1 m, got 1e+300"),
     ("stable_pushes", {"turns": [0, 1]}, "turns must be +1 or -1"),
     ("stable_pushes", {"half_widths": [1.0, 0.01]}, "half_width must be at most"),
 ]
@@ -352,14 +340,16 @@ def test_a_short_request_does_not_wait_for_long_ones(ros, monkeypatch):
     assert short.result().success
     assert not any(one.done() for one in long)
     ros.wait_for(lambda: all(one.done() for one in long), what="the long answers")
-    assert all(len(one.result().twists) == 10_000 for one in long)
+    assert all(len(one.result().modes) == 10_000 for one in long)
 
 
 def test_two_hundred_calls_at_once_of_fifty_clients_are_all_answered(ros):
+    """With rclpy's own quality of service, which keeps ten answers: each client has a name of its own."""
     cell = Cell(ros)
     cell.estimate()
     nodes = [ros.node(f"asking_{number}", namespace="/cell") for number in range(10)]
-    clients = [cell.client("predict_push", node=node) for node in nodes for _ in range(5)]
+    names = [f"planner/predict_push/client_{number}" for number in range(50)]
+    clients = [cell.client(name, PredictPush, node=node) for name, node in zip(names, 5 * nodes, strict=True)]
     _, request = many_pushes(20)
     answers = [client.call_async(request) for _ in range(4) for client in clients]
     ros.wait_for(lambda: all(answer.done() for answer in answers), what="200 answers")
@@ -368,22 +358,53 @@ def test_two_hundred_calls_at_once_of_fifty_clients_are_all_answered(ros):
     assert all(other == first for other in others)
 
 
-def test_requests_of_clients_that_are_gone_are_dropped(ros, monkeypatch):
+def test_a_client_may_have_hundreds_of_open_calls(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    client = cell.client("predict_push")
+    answers = [client.call_async(push_request()) for _ in range(300)]
+    ros.wait_for(lambda: all(answer.done() for answer in answers), what="300 answers")
+    assert all(answer.result().success for answer in answers)
+
+
+def test_a_service_that_many_clients_share_says_how_not_to_lose_answers(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    name = "planner/predict_push"
+    clients = [cell.client(name, PredictPush) for _ in range(turns.SHARE)]
+    assert cell.ask(name, push_request(), PredictPush, clients[0]).success
+    cell.client(name, PredictPush)
+    ros.wait_for(lambda: cell.planner.count_clients(name) > turns.SHARE, what="the last client")
+    refused = cell.ask(name, push_request(), PredictPush, clients[0])
+    said = "more than 10 clients share /cell/planner/predict_push, and lose answers: each must ask"
+    assert (refused.success, refused.message) == (False, f"{said} /cell/planner/predict_push/ITS_OWN_NAME")
+    assert cell.ask("predict_push", push_request()).success
+
+
+def test_only_services_of_a_planner_are_known():
+    with pytest.raises(ValueError, match="expected one of PredictPush, PredictStroke, "):
+        planner_client(None, Trigger)
+
+
+def test_requests_of_clients_that_are_gone_are_dropped_and_their_services_end(ros, monkeypatch):
     cell = Cell(ros, longest=600.0)
     cell.estimate()
     gone = Node("gone", namespace="/cell")  # without an executor, which would still use it when it goes
-    clients = [cell.client("predict_push", node=gone) for _ in range(3)]
+    shared = cell.client("planner/predict_push", PredictPush, node=gone)
+    clients = [shared, *(cell.client("predict_push", node=gone) for _ in range(2))]
+    assert len(own_services(cell)) == 2
     monkeypatch.setattr(turns, "PATIENCE", 0.0)
     with monkeypatch.context() as held:
         held.setattr(turns, "TURN", 0.0)  # no work is done before the clients have gone
         for client in clients:
             client.call_async(push_request())
         ros.wait_for(lambda: cell.planner._turns.waiting == len(clients), what="the requests")
-        service = clients[0].service_name
+        names = [client.service_name for client in clients]
         gone.destroy_node()
-        ros.wait_for(lambda: not cell.planner.count_clients(service), what="the clients' end")
+        ros.wait_for(lambda: not any(map(cell.planner.count_clients, names)), what="the clients' end")
     ros.wait_for(lambda: cell.figures()["dropped"] + cell.figures()["answered"] == len(clients), what="an end of the work")
     assert cell.figures()["answered"] == 0
+    ros.wait_for(lambda: own_services(cell) == [], what="the end of their services")
 
 
 def test_a_model_that_makes_no_sense_answers_nothing(ros):

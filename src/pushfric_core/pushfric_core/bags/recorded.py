@@ -299,8 +299,8 @@ class Reading:
             Counter(one.push_id for one in estimator.observations),
             self._excluded,
             {one.push_id for one in estimator.rejected},
-            record.started if record is not None else (),
-            record.aborted if record is not None else (),
+            record.plan.started if record is not None else (),
+            record.plan.aborted if record is not None else (),
         )
 
 
@@ -347,7 +347,7 @@ def _from_poses(
         except ValueError as error:
             warn(f"{message.topic} refused: {error}")
             ledger.accounts[kind or OBSERVATIONS].enter(REFUSED)
-    ledger.absorb(maker.ledger(record.planned, bag.numbered))
+    ledger.absorb(maker.ledger(record.plan.planned, bag.numbered))
     if maker.apart is not None:
         warn(f"{bag.path}: {tip_stays_away(maker.apart)}")
     if maker.waiting:

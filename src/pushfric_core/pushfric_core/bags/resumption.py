@@ -14,11 +14,12 @@ from typing import Any, NamedTuple
 
 from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.mcap_file import GrowingFile
+from pushfric_core.bags.run_record import PLAN
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 
-INPUTS = ("object_pose", "pusher_state", "wrench", "observation", START_TOPIC, SETTINGS_TOPIC)
+INPUTS = ("object_pose", "pusher_state", "wrench", "observation", PLAN, START_TOPIC, SETTINGS_TOPIC)
 """Relative names of the topics that are read."""
 
 
@@ -27,7 +28,7 @@ class Input(NamedTuple):
 
     topic: str  # relative name
     msg: Any
-    log_time_ns: int = 0  # when it was recorded
+    received: int | None  # when it was recorded, or came by topic [ns]; None: not known
 
 
 class Resumption:
@@ -62,10 +63,10 @@ class Resumption:
         self._heard = False  # whether the bag holds the new estimator's number
         self._past = self._read()
 
-    def hold(self, topic: str, msg: Any) -> None:
-        """Keep a message that came by topic until the bag has been read up to it."""
+    def hold(self, topic: str, msg: Any, received: int | None) -> None:
+        """Keep a message that came by topic, then [ns], until the bag has been read up to it."""
         self._came.setdefault(topic, stamp_from_msg(msg.header.stamp))
-        self._held.append(Input(topic, msg))
+        self._held.append(Input(topic, msg, received))
 
     def read_on(self) -> list[Input] | None:
         """The messages of the inputs that came into the bag since the last call; at the first call, since the estimate began.
@@ -77,7 +78,7 @@ class Resumption:
             return None
         past, self._past = self._past, []
         # messages recorded earlier belong to an abandoned estimate; a start may itself be recorded late
-        return [each for each in past if each.log_time_ns >= self._since]
+        return [each for each in past if each.received is not None and each.received >= self._since]
 
     @property
     def held(self) -> list[Input] | None:
@@ -101,7 +102,7 @@ class Resumption:
                 self.settings = EstimatorSettings.from_text(msg.data)
             elif name == "observation":
                 self.published.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
-            elif name in self._inputs:
+            elif name == PLAN or name in self._inputs:
                 self._recorded[name] = stamp_from_msg(msg.header.stamp)
                 found.append(Input(name, msg, message.log_time))
         return found

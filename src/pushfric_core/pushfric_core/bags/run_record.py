@@ -1,5 +1,6 @@
 """The record of a run (plan, observations, last estimate), and whether the bag agrees with it."""
 
+import math
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -51,6 +52,66 @@ def content(bag: "Bag", message: BagMessage, convert: Callable[[Any], Taken]) ->
         raise InvalidInput(f"{bag.path}: {message.topic} was recorded with another definition of its type: {error}") from error
 
 
+class PlanRecord:
+    """Follows a plan by its messages, live and from a bag alike.
+
+    Attributes:
+        started, aborted: ids of the pushes of the plan that began, and of those that did not reach their end.
+    """
+
+    def __init__(self) -> None:
+        self._begin: int | None = None  # index of the plan's first push, if its beginning was seen
+        self._last: Any = None  # plan_progress
+        self.started: set[int] = set()
+        self.aborted: set[int] = set()
+        self._done: dict[int, int] = {}  # when pushes were completed, by id [ns]
+
+    def take(self, msg: Any) -> None:
+        """Take a message of plan_progress. One that is older than the last is ignored: a restarted node gets some twice."""
+        before, stamp = self._last, stamp_from_msg(msg.header.stamp)
+        if before is not None and stamp < stamp_from_msg(before.header.stamp):
+            return
+        self._last = msg
+        if before is None:
+            begins = not msg.completed + msg.aborted + msg.skipped
+            self._begin = index_of(msg.push_id, msg.count) if begins else None
+        else:
+            done, earlier = (one.completed + one.aborted + one.skipped for one in (msg, before))
+            if done > earlier and msg.completed > before.completed:
+                self._done[before.push_id] = stamp
+            elif done > earlier:
+                self.aborted.add(before.push_id)
+            if before.phase == PHASES["PHASE_PUSHING"] != msg.phase and msg.completed == before.completed:
+                self.aborted.add(before.push_id)
+        if msg.phase == PHASES["PHASE_PUSHING"]:
+            self.started.add(msg.push_id)
+
+    @property
+    def planned(self) -> Planned | None:
+        """The plan, as far as it is known; None: not at all."""
+        return None if self._last is None or not self._last.count else Planned(self._begin, self._last.count, self.aborted)
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether the end of the plan is not known."""
+        return self._last is not None and self._last.phase != PHASES["PHASE_FINISHED"]
+
+    def doubt_empty(self, ledger: Ledger, pushed: Collection[int], settled: float = math.inf) -> None:
+        """Doubt the pushes that were completed by a time [ns], but are not among those that gave observations."""
+        if empty := sorted(push_id for push_id, stamp in self._done.items() if stamp <= settled and push_id not in pushed):
+            ledger.doubt(DoubtCode.NO_OBSERVATIONS, f"no observation came from push {', '.join(map(self._number, empty))}")
+
+    def doubt_end(self, ledger: Ledger) -> None:
+        """Doubt a plan that has not ended."""
+        if self.unfinished:
+            plan = self._last
+            text = f"the plan is not finished: it stands at push {self._number(plan.push_id)} of {plan.count}"
+            ledger.doubt(DoubtCode.PLAN_UNFINISHED, text, stamp_from_msg(plan.header.stamp))
+
+    def _number(self, push_id: int) -> str:
+        return number_of(push_id, self._last.count)
+
+
 class RunRecord:
     """Takes the messages of a run about itself, in any order among topics, and compares them with what the bag gives.
 
@@ -59,7 +120,7 @@ class RunRecord:
         namespace: of the cell.
     Attributes:
         topics: full names of the topics to read; those that the bag lacks, or has with another type, are not among them.
-        started, aborted: ids of the pushes of the plan that began, and of those that did not reach their end.
+        plan: what became of the plan.
     """
 
     def __init__(self, bag: "Bag", namespace: str) -> None:
@@ -74,11 +135,7 @@ class RunRecord:
         self._last: BagMessage | None = None  # estimate
         self._settings: BagMessage | None = None
         self._starts = 0
-        self._begin: int | None = None  # index of the plan's first push, if the bag shows its beginning
-        self._plan: Any = None  # the last plan_progress
-        self.started: set[int] = set()
-        self._done: set[int] = set()
-        self.aborted: set[int] = set()
+        self.plan = PlanRecord()
 
     def take(self, message: BagMessage) -> None:
         """Take a message of one of the topics."""
@@ -91,7 +148,7 @@ class RunRecord:
             elif name == SETTINGS_TOPIC:
                 self._settings = message
             elif name == PLAN:
-                self._on_plan(content(self._bag, message, lambda msg: msg))
+                self.plan.take(content(self._bag, message, lambda msg: msg))
             else:
                 self._starts += content(self._bag, message, lambda msg: msg.continuation == 0)
         except (ValueError, PushfricError, AttributeError):
@@ -101,33 +158,6 @@ class RunRecord:
         key = observation.push_id, observation.stamp
         self._repeated += key in self._observations
         self._observations[key] = observation
-
-    def _on_plan(self, msg: Any) -> None:
-        before, self._plan = self._plan, msg
-        if before is None:
-            begins = not msg.completed + msg.aborted + msg.skipped
-            self._begin = index_of(msg.push_id, msg.count) if begins else None
-        else:
-            done, earlier = (one.completed + one.aborted + one.skipped for one in (msg, before))
-            if done > earlier:
-                (self._done if msg.completed > before.completed else self.aborted).add(before.push_id)
-            if before.phase == PHASES["PHASE_PUSHING"] != msg.phase and msg.completed == before.completed:
-                self.aborted.add(before.push_id)
-        if msg.phase == PHASES["PHASE_PUSHING"]:
-            self.started.add(msg.push_id)
-
-    @property
-    def planned(self) -> Planned | None:
-        """The plan, as far as the bag shows it; None: not at all."""
-        return None if self._plan is None or not self._plan.count else Planned(self._begin, self._plan.count, self.aborted)
-
-    @property
-    def _unfinished(self) -> bool:
-        """Whether the bag does not show the end of its plan."""
-        return self._plan is not None and self._plan.phase != PHASES["PHASE_FINISHED"]
-
-    def _number(self, push_id: int) -> str:
-        return number_of(push_id, self._plan.count)
 
     def close(self, ledger: Ledger, made: Sequence[Observation] | None, settings: EstimatorSettings, earlier: int) -> None:
         """Note in a ledger what does not add up.
@@ -150,7 +180,9 @@ class RunRecord:
             self._compare_observations(ledger, made)
         if self._starts <= 1 and not {OBSERVATION, ESTIMATE} & self._unread:
             self._compare_estimate(ledger, recorded or settings, earlier)
-        self._close_plan(ledger, None if made is None else {one.push_id for one in made})
+        if made is not None:
+            self.plan.doubt_empty(ledger, {one.push_id for one in made})
+        self.plan.doubt_end(ledger)
 
     def _recorded_settings(self) -> EstimatorSettings | None:
         if self._settings is None:
@@ -164,7 +196,7 @@ class RunRecord:
         """Each observation that the run made must come out of the bag's poses and pusher states again, and no other."""
         again = {(one.push_id, one.stamp): one for one in made}
         recorded = self._observations
-        end = max(stamp for _, stamp in recorded) if self._unfinished else None
+        end = max(stamp for _, stamp in recorded) if self.plan.unfinished else None
         missing = [key for key in recorded if key not in again]
         # an interrupted run may end before the observation that its last poses give
         added = [key for key in again if key not in recorded and (end is None or key[1] <= end)]
@@ -194,14 +226,6 @@ class RunRecord:
         if rests_on > held:
             text = f"the last estimate of the run rests on {rests_on} observations, but the bag holds {held} of them"
             ledger.doubt(DoubtCode.RUN_DIFFERS, text, self._last.log_time_ns, rests_on - held)
-
-    def _close_plan(self, ledger: Ledger, pushed: Collection[int] | None) -> None:
-        if pushed is not None and (empty := sorted(self._done.difference(pushed))):
-            ledger.doubt(DoubtCode.NO_OBSERVATIONS, f"no observation came from push {', '.join(map(self._number, empty))}")
-        if self._unfinished:
-            plan = self._plan
-            text = f"the plan is not finished: it stands at push {self._number(plan.push_id)} of {plan.count}"
-            ledger.doubt(DoubtCode.PLAN_UNFINISHED, text, stamp_from_msg(plan.header.stamp))
 
 
 def _alike(one: Observation, other: Observation) -> bool:

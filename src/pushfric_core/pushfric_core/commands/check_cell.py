@@ -23,7 +23,7 @@ def check_cell(
     limit: Annotated[float, typer.Option(help="How far p_CF may be off [m].", min=0.0, max=0.1)] = 0.003,
     json: JsonOption = None,
 ) -> None:
-    """Exit code 1: some p_CF is off by more than the limit."""
+    """Exit code 1: some p_CF is off by more than the limit, or its data are in doubt."""
     checked = check_loads(loads, warn)
     write_json(to_json({"trials": [one._asdict() | {"off": one.off} for one in checked]}), json)
     if json != STDOUT:
@@ -36,5 +36,5 @@ def check_cell(
             claimed = "-" if one.within is None else f"{1e3 * one.within:.2f}"
             table.add_row(one.data, *places, f"{'✗ ' * (one.off > limit)}{1e3 * one.off:.2f}", claimed)
         Console().print(table)
-    if any(one.off > limit for one in checked):
+    if any(one.off > limit or one.doubts for one in checked):
         raise typer.Exit(1)

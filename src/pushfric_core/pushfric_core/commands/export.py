@@ -7,7 +7,7 @@ import typer
 
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say
-from pushfric_core.commands.options import CellOption, ObjectOption
+from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.planning import ModelArgument, known
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.whole_file import make_folder, write_whole
@@ -35,31 +35,32 @@ def export(
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write to.")] = pathlib.Path("."),
     object_name: ObjectOption = "",
     namespace: CellOption = None,
+    partial: PartialFlag = False,
 ) -> None:
     """Slow motions depend neither on the mass nor on the table's friction. The files say which of them is assumed."""
-    file, pushed = known(model, object_name, namespace)
-    make_folder(out)
-    friction = file.friction()
-    if samples is not None and len(friction.w) == 1:
-        raise InvalidInput(f"{model}: has a single sample, not some to draw {samples} models from; leave out --samples")
-    names = [pushed.name] if samples is None else [f"{pushed.name}_{k:0{len(str(samples - 1))}}" for k in range(samples)]
-    for name, one in zip(names, [friction] if samples is None else friction.drawn(samples), strict=True):
-        try:
-            files = exported(
-                one,
-                pushed.outline,
-                to,
-                name=name,
-                mass=mass,
-                table_friction=table_friction,
-                total_friction=file.total_friction,
-                gravity=gravity,
-                height=height if height is not None else pushed.height or HEIGHT,
-                pusher_radius=pusher_radius,
-                rests_on=file.rests_on,
-            )
-        except ValueError as error:
-            raise InvalidInput(f"{model}: cannot be exported: {error}") from error
-        for written, text in files.items():
-            write_whole(out / written, text)
-            say(f"wrote {out / written}")
+    with known(model, object_name, namespace, partial) as (file, pushed):
+        make_folder(out)
+        friction = file.friction()
+        if samples is not None and len(friction.w) == 1:
+            raise InvalidInput(f"{model}: has a single sample, not some to draw {samples} models from; leave out --samples")
+        names = [pushed.name] if samples is None else [f"{pushed.name}_{k:0{len(str(samples - 1))}}" for k in range(samples)]
+        for name, one in zip(names, [friction] if samples is None else friction.drawn(samples), strict=True):
+            try:
+                files = exported(
+                    one,
+                    pushed.outline,
+                    to,
+                    name=name,
+                    mass=mass,
+                    table_friction=table_friction,
+                    total_friction=file.total_friction,
+                    gravity=gravity,
+                    height=height if height is not None else pushed.height or HEIGHT,
+                    pusher_radius=pusher_radius,
+                    rests_on=file.rests_on,
+                )
+            except ValueError as error:
+                raise InvalidInput(f"{model}: cannot be exported: {error}") from error
+            for written, text in files.items():
+                write_whole(out / written, text)
+                say(f"wrote {out / written}")

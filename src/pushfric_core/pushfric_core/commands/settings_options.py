@@ -1,4 +1,4 @@
-"""Command line options for the estimator, one for each field of EstimatorConfig; the recorded values are the defaults."""
+"""Command line options for the estimator: all of EstimatorConfig, and `pose_lag`; the recorded values are the defaults."""
 
 import dataclasses
 import inspect
@@ -13,6 +13,7 @@ from pushfric_core.commands.options import in_range
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.settings import AUTO, unit_in, written
+from pushfric_core.trajectories.trajectory import TrajectoryConfig
 
 SECTION = "Settings of the estimator"
 """Section of these options in the help of every command that has them."""
@@ -43,7 +44,7 @@ def _field(config: Any, name: str) -> Any:
 
 
 def with_settings(command: Callable[..., None], without: Collection[str] = ()) -> Callable[..., None]:
-    """The command with an option for each field of EstimatorConfig and for single pushes, instead of `settings`.
+    """The command with an option for each field of EstimatorConfig, the lag and single pushes, instead of `settings`.
 
     Args:
         command: the function; its parameter `settings` gets the values as ChosenSettings.
@@ -52,6 +53,7 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
     fields = [field for field in dataclasses.fields(EstimatorConfig) if field.name not in without]
     hints = typing.get_type_hints(EstimatorConfig)
     options = {field.name: _option(field, hints[field.name]) for field in fields}
+    options["pose_lag"] = _option(_field(TrajectoryConfig, "pose_lag"), float)
     for name, text in PUSHES.items():
         flag = f"--{name.replace('_', '-')}"
         info = typer.Option(flag, help=f"{text}; repeatable.", metavar="PUSH", show_default=False, rich_help_panel=SECTION)

@@ -18,7 +18,7 @@ cdef class Contact:
 cdef void look(Contact contact, int64_t sample, double at_x, double at_y, double x, double y) noexcept
 
 @cython.locals(
-    w=double[::1], lever=double[::1], reach=double[::1], square=double[::1], value=double, along=double, by_slip=double,
+    lever=double, reach=double, value=double, along=double, by_slip=double,
     by_turn=double, slip_slip=double, slip_turn=double, turn_turn=double, ahead=double, across=double, speed=double,
     slowness=double, share=double, growth=double, across_share=double, growth_share=double, j=Py_ssize_t,
 )

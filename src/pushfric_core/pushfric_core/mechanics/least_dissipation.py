@@ -71,22 +71,22 @@ def look(contact: Contact, sample: int, at_x: float, at_y: float, x: float, y: f
 
 def dissipate(contact: Contact, slip: float, turn: float) -> None:
     """The dissipation and its derivatives at a slip and turn."""
-    w, lever, reach, square = contact.w, contact.lever, contact.reach, contact.square
     value = along = by_slip = by_turn = slip_slip = slip_turn = turn_turn = 0.0
     for j in range(contact.size):
-        ahead, across = 1 + turn * lever[j], slip + turn * reach[j]
+        lever, reach = contact.lever[j], contact.reach[j]
+        ahead, across = 1 + turn * lever, slip + turn * reach
         speed = math.sqrt(ahead * ahead + across * across + STILL * STILL)
         slowness = 1 / speed
-        share = w[j] * slowness
-        growth = ahead * lever[j] + across * reach[j]
+        share = contact.w[j] * slowness
+        growth = ahead * lever + across * reach
         across_share, growth_share = across * slowness, growth * slowness
-        value += w[j] * speed
+        value += contact.w[j] * speed
         along += share * ahead
         by_slip += share * across
         by_turn += share * growth
         slip_slip += share * (1 - across_share * across_share)
-        slip_turn += share * (reach[j] - across_share * growth_share)
-        turn_turn += share * (square[j] - growth_share * growth_share)
+        slip_turn += share * (reach - across_share * growth_share)
+        turn_turn += share * (contact.square[j] - growth_share * growth_share)
     contact.slip, contact.turn = slip, turn
     contact.value, contact.along, contact.by_slip, contact.by_turn = value, along, by_slip, by_turn
     contact.slip_slip, contact.slip_turn, contact.turn_turn = slip_slip, slip_turn, turn_turn

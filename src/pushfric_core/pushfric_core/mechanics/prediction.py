@@ -281,7 +281,7 @@ def _spread(model: FrictionModel, samples: Array, twists: Array, off: Array) -> 
 def scattered(samples: Array, about: Array, share: Array) -> Array:
     """The mean squares and products (k, 3, 3) of the differences of samples (k, s, 3) from (k, 3); shares (s,)."""
     differences = samples - about[:, None]
-    return np.asarray(np.sum(share[:, None, None] * differences[..., :, None] * differences[..., None, :], axis=1))
+    return np.asarray(np.swapaxes(differences, 1, 2) * share @ differences)
 
 
 def of_misfit(model: FrictionModel, off: Array, angles: npt.ArrayLike = 0.0) -> Array:

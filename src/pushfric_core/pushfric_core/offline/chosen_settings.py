@@ -15,7 +15,7 @@ from pushfric_core.settings import plain, read
 class ChosenSettings:
     """The user's choices; everything else is as recorded."""
 
-    estimator: Mapping[str, Any] = field(default_factory=dict)  # fields of EstimatorConfig
+    estimator: Mapping[str, Any] = field(default_factory=dict)  # fields of EstimatorConfig, and pose_lag
     excluded: tuple[int, ...] = ()  # pushes that are left out, in addition to those of the recorded run
     slipping: tuple[int, ...] = ()  # pushes known to slip, in addition to those of the recorded run
     kept: tuple[int, ...] = ()  # pushes kept even if they are unlike the others, in addition to those of the recorded run
@@ -27,12 +27,15 @@ class ChosenSettings:
             InvalidInput: a chosen value is out of range.
         """
         given = dict(self.estimator)
+        lag = given.pop("pose_lag", recorded.trajectory.pose_lag)
         if "cone" not in recorded.estimator.terms:
             given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # a bound that the run did not use says nothing about mu_c
         try:
             (config,) = read(plain(recorded.estimator) | given, EstimatorConfig)
+            trajectory = dataclasses.replace(recorded.trajectory, pose_lag=lag)
         except ValueError as error:
             raise InvalidInput(str(error)) from error
         slipping = tuple(sorted({*recorded.slipping, *self.slipping}))
         kept = tuple(sorted({*recorded.kept, *self.kept}))
-        return dataclasses.replace(recorded.without(self.excluded), estimator=config, slipping=slipping, kept=kept)
+        settings = recorded.without(self.excluded)
+        return dataclasses.replace(settings, estimator=config, trajectory=trajectory, slipping=slipping, kept=kept)

@@ -35,6 +35,7 @@ class Checked(NamedTuple):
     expected: tuple[float, float]  # p_CF by statics, object frame [m]
     found: tuple[float, float]  # the estimated one [m]
     within: float | None  # what the estimate claims, with 90 % [m]; None: nothing
+    doubts: int  # number of those about the data
 
     @property
     def off(self) -> float:
@@ -59,7 +60,7 @@ def check_loads(path: pathlib.Path, warn: Warn) -> list[Checked]:
     for trial in file.trials:
         share = trial.mass / (file.mass + trial.mass)
         x, y = ((1 - share) * own + share * load for own, load in zip(file.center, trial.at, strict=True))
-        result = estimate_from(path.parent / trial.data, Choices(name), warn).result
-        u, v = result.believed_center.tolist()
-        checked.append(Checked(trial.data, (x, y), (u, v), result.confidence))
+        estimation = estimate_from(path.parent / trial.data, Choices(name), warn)
+        u, v = estimation.result.believed_center.tolist()
+        checked.append(Checked(trial.data, (x, y), (u, v), estimation.result.confidence, len(estimation.ledger.doubts)))
     return checked

@@ -4,11 +4,9 @@ A busy machine delays single samples, and many for a while, but hardly ever all 
 the clocks say. If it changes for good, and in one stream only, a clock has stepped. A recorder whose clock steps changes both.
 """
 
+import math
+from bisect import bisect_right
 from typing import NamedTuple
-
-import numpy as np
-
-from pushfric_core.geometry.planar import Array
 
 BLOCK = 16
 """Samples of which the second least delay counts: so a single wild stamp does not."""
@@ -22,6 +20,9 @@ BURST = 0.25
 SMALLEST = 0.03
 """A smaller step [s] is not told from the delays of a busy machine."""
 
+LONGEST_WAIT = 5000
+"""Ends of blocks that wait for those after them: a stream may have stopped."""
+
 
 class Step(NamedTuple):
     """A step of one clock against the other."""
@@ -30,8 +31,39 @@ class Step(NamedTuple):
     size: float  # by how much the first stream's stamps are later than before, against the other's [s]
 
 
-class Delays:
-    """The delays of the samples of one stream, in the order in which they were received."""
+class Clocks:
+    """Compares the delays of the samples of two streams, in the order in which they were received."""
+
+    def __init__(self) -> None:
+        self._streams = _Delays(), _Delays()
+        self._open: list[int] = []  # ends of blocks, with too few blocks after them to judge them for good [ns]
+        self._found: tuple[float, Step] | None = None  # the largest step so far, and how large it is nearby [ns]
+
+    def add(self, stream: int, stamp: int, received: int) -> None:
+        """Take the stamp of a sample of the first stream, 0, or the second, 1, and when it was received [ns]."""
+        if self._streams[stream].add(stamp, received):
+            self._open.append(received)
+            while all(one.after(self._open[0]) >= MOST for one in self._streams) or len(self._open) > LONGEST_WAIT:
+                self._found = self._larger(self._found, self._open.pop(0))
+
+    @property
+    def step(self) -> Step | None:
+        """The largest step of the clocks against each other; None if there is none."""
+        found = self._found
+        for time in self._open:
+            found = self._larger(found, time)
+        return None if found is None else found[1]
+
+    def _larger(self, found: tuple[float, Step] | None, time: int) -> tuple[float, Step] | None:
+        """The step that was found, or that at a time, if it is larger."""
+        size, nearby = (self._streams[1].change(time, most) - self._streams[0].change(time, most) for most in (MOST, FEWEST))
+        if not abs(size) > SMALLEST * 1e9 or (found is not None and not abs(nearby) > found[0]):
+            return found
+        return abs(nearby), Step(time, size * 1e-9)
+
+
+class _Delays:
+    """The delays of the samples of one stream."""
 
     def __init__(self) -> None:
         self._block: list[int] = []
@@ -39,38 +71,28 @@ class Delays:
         self._least: list[int] = []  # the second least delay of each block [ns]
         self._last = (0, 0)  # stamp and time of receipt of the last sample [ns]
 
-    def add(self, stamp: int, received: int) -> None:
-        """Take a sample's stamp, and when it was received [ns]."""
+    def add(self, stamp: int, received: int) -> bool:
+        """Take a sample; return whether a block ends with it."""
         before, self._last = self._last, (stamp, received)
         if self._block and received - before[1] < BURST * (stamp - before[0]):
             self._block.pop()
         self._block.append(received - stamp)
-        if len(self._block) == BLOCK:
-            self._ends.append(received)
-            self._least.append(sorted(self._block)[1])
-            self._block.clear()
+        if len(self._block) < BLOCK:
+            return False
+        self._ends.append(received)
+        self._least.append(sorted(self._block)[1])
+        self._block.clear()
+        return True
 
-    @property
-    def ends(self) -> Array:
-        """The times at which blocks end (n,) [ns]."""
-        return np.array(self._ends)
+    def after(self, time: int) -> int:
+        """The number of blocks that end after a time [ns]."""
+        return len(self._ends) - bisect_right(self._ends, time)
 
-    def change(self, times: Array, most: int) -> Array:
-        """By how much the least delay of so many blocks grows at some times (m,) [ns]; NaN where too few lie on one side."""
-        rank = np.searchsorted(self._ends, times, side="right")
-        return np.array([self._least_of(one, one + most) - self._least_of(max(0, one - most), one) for one in rank])
+    def change(self, time: int, most: int) -> float:
+        """By how much the least delay of so many blocks grows at a time [ns]; NaN if too few lie on one side."""
+        rank = bisect_right(self._ends, time)
+        return self._least_of(rank, rank + most) - self._least_of(max(0, rank - most), rank)
 
     def _least_of(self, begin: int, end: int) -> float:
         blocks = self._least[begin:end]
-        return float(min(blocks)) if len(blocks) >= FEWEST else np.nan
-
-
-def clock_step(one: Delays, other: Delays) -> Step | None:
-    """The largest step of the clocks of two streams against each other; None if there is none."""
-    times = np.concatenate((one.ends, other.ends))
-    sizes, nearby = (other.change(times, most) - one.change(times, most) for most in (MOST, FEWEST))
-    steps = np.abs(sizes) > SMALLEST * 1e9
-    if not np.any(steps):
-        return None
-    at = int(np.argmax(np.where(steps, np.abs(nearby), -1.0)))
-    return Step(int(times[at]), float(sizes[at]) * 1e-9)
+        return float(min(blocks)) if len(blocks) >= FEWEST else math.nan

@@ -96,7 +96,7 @@ class Course:
             config: how poses become observations.
             planned: the plan, if it is known.
             numbered: numbers show that no message is missing: then the camera has dropped what is.
-            ended: no more samples follow. Until then, ids are not judged either: the plan may leave pushes out.
+            ended: no more samples follow. Until then, only the plan says which ids are missing, before the newest push.
         """
         if poses.last is None or states.last is None:
             return
@@ -112,10 +112,10 @@ class Course:
         pauses = _common(poses.pauses, states.pauses)
         for begin, end in pauses:
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
-        if self.pushes and ended:
+        if self.pushes and (ended or planned is not None):
             alone = [(poses.first or 0, states.first or 0)]  # poses that came before the states tell of pushes, too
             pauses += [one for one in alone if one[1] - one[0] > SILENT * NANOSECONDS]
-            yield from self._of_ids(pauses, observations, planned)
+            yield from self._of_ids(pauses, observations, planned, ended)
         if poses.last > states.last + OUTLASTS * NANOSECONDS:
             text = f"the poses go on for {seconds(poses.last - states.last)} after the last pusher state"
             yield Doubt(DoubtCode.STATES_MISSING, text, states.last)
@@ -185,14 +185,15 @@ class Course:
             yield Doubt(DoubtCode.NO_END, text, last_state.stamp)
 
     def _of_ids(
-        self, pauses: Sequence[tuple[int, int]], observations: Observations, planned: Planned | None
+        self, pauses: Sequence[tuple[int, int]], observations: Observations, planned: Planned | None, ended: bool
     ) -> Iterator[Doubt]:
         """Pushes that no state tells of, although others have come.
 
         Where the streams begin together while the tip rests, and pause only later, the first push need not be that of a run.
         """
         usual = int(np.median([one.last.stamp - one.first.stamp for one in self.pushes]))
-        ids = [one.push_id for one in self.pushes]
+        # what became of the push before the newest one may not be known yet
+        ids = [one.push_id for one in self.pushes[: None if ended or len(self.pushes) == 1 else -1]]
         first, begin = self._first, self.pushes[0].first.stamp
         is_open = first is not None and abs(first.speed) <= RESTS and not any(start < begin for start, _ in pauses)
         if is_open and ids[0] and (planned is None or planned.begin is None):

@@ -70,6 +70,7 @@ class DoubtCode(StrEnum):
     STATES_MISSING = auto()
     BOTH_MISSING = auto()
     CLOCKS_STEP = auto()
+    CLOCKS_DIFFER = auto()
 
     # the pushes
     BEGINS_LATE = auto()

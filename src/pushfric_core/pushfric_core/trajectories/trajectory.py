@@ -28,8 +28,9 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import Array, Pose, Twist, inverse, rotation, transform, wrap
 from pushfric_core.settings import check_ranges, setting
-from pushfric_core.trajectories.clocks import Delays, clock_step
+from pushfric_core.trajectories.clocks import Clocks
 from pushfric_core.trajectories.course import Course, Planned
+from pushfric_core.trajectories.lag import Lag, Lags
 from pushfric_core.trajectories.ledger import (
     BETWEEN_FRAMES,
     BETWEEN_PUSHES,
@@ -151,6 +152,7 @@ class TrajectoryConfig:
     contact_tolerance: float = setting(0.001, "the tip counts as touching up to this far from the outline [m]", 0.0, 0.1)
     minimum_speed: float = setting(0.002, "the object counts as moving if its fastest corner is this fast [m/s]", 0.0, 10.0)
     longest_gap: float = setting(0.5, "frames further apart than this end a run of observations [s]", 0.0, 60.0)
+    pose_lag: float = setting(0.0, "poses are stamped this much too late against the pusher states [s]", -1.0, 1.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -184,7 +186,8 @@ class Trajectory:
         self._waiting: deque[PoseSample] = deque()  # frames for which no later pusher state is known yet
         self._pushers: deque[PusherSample] = deque()  # from the last judged frame on
         self._course = Course()
-        self._delays = Delays(), Delays()  # of the poses and of the pusher states
+        self._lags = Lags(outline)
+        self._clocks = Clocks()  # of the poses and of the pusher states
         self._partners = 0  # of the first of them, how many lie next to a frame of a push: 0, 1 or 2
         self._judged = -1  # stamp of the last judged frame [ns]
         self._taken = -1  # stamp of the frame that completed an observation before it was judged [ns]
@@ -231,6 +234,11 @@ class Trajectory:
         pose, state = self._poses.last, self._states.last
         return 0.0 if pose is None or state is None else (pose - state) / NANOSECONDS
 
+    @property
+    def lag(self) -> Lag | None:
+        """How late the poses are stamped against the pusher states; None until five pushes of a tip on its line show it."""
+        return self._lags.lag
+
     def ledger(self, planned: Planned | None = None, numbered: bool = True, ended: bool = True) -> Ledger:
         """The account of all samples so far, if no more were to follow, and what the streams lack.
 
@@ -249,10 +257,15 @@ class Trajectory:
             states.end(self._fate_of(state, number < self._partners, math.inf))
         for doubt in self._course.doubts(self._poses, self._states, self.config, planned, numbered, ended):
             ledger.doubt(*doubt)
-        if (step := clock_step(*self._delays)) is not None:
+        if (step := self._clocks.step) is not None:
             late = "later" if step.size > 0 else "earlier"
             text = f"the clocks step: from here on, poses are stamped {abs(step.size):.3f} s {late} against the pusher states"
             ledger.doubt(DoubtCode.CLOCKS_STEP, text, step.received)
+        elif (lag := self.lag) is not None and lag.is_large:
+            late = "late" if lag.mean > 0 else "early"
+            text = f"the motion shows that poses are stamped {abs(lag.mean):.3f} s too {late} against the pusher states"
+            text = f"{text} (90 %: within {lag.radius:.3f} s); pose_lag: {lag.mean:.3f} corrects it"
+            ledger.doubt(DoubtCode.CLOCKS_DIFFER, text, self._poses.first or 0)
         return ledger
 
     def add_pose(self, sample: PoseSample, received: int | None = None) -> list[Observation]:
@@ -267,7 +280,8 @@ class Trajectory:
         if not all(map(math.isfinite, sample.pose)):
             raise ValueError(f"a pose must be finite, got {tuple(map(float, sample.pose))}")
         if received is not None:
-            self._delays[0].add(sample.stamp, received)
+            self._clocks.add(0, sample.stamp, received)
+        sample = sample._replace(stamp=sample.stamp - round(self.config.pose_lag * NANOSECONDS))
         found = []
         for known in self._poses.take(sample):
             if len(self._waiting) == REMEMBERED:
@@ -282,10 +296,11 @@ class Trajectory:
         `Stream` says which states count. One with the stamp of the last does: it is the newer one where a clock stood still.
         """
         if received is not None:
-            self._delays[1].add(sample.stamp, received)
+            self._clocks.add(1, sample.stamp, received)
         found = []
         for known in self._states.take(sample):
             self._course.add(known)
+            self._lags.add_state(known)
             if len(self._pushers) == REMEMBERED:
                 self._leave(math.inf)
             self._pushers.append(known)
@@ -307,6 +322,7 @@ class Trajectory:
             if not self._pushers or sample.stamp > self._pushers[-1].stamp:
                 break
             self._waiting.popleft()
+            self._lags.add_pose(sample)
             frame = self._pushing(sample)
             self._judged = sample.stamp
             found += self._extend(sample, frame)

@@ -103,6 +103,8 @@ def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
             wanted = [_permission(namespace, spec.name, *_kind(endpoint)) for endpoint in endpoints]
             if spec.name == "recorder" and file.recorder.discover:
                 wanted.append(Permission("subscribes", "topic", "/*"))
+            if spec.name == "planner":  # serves clients by names of their own, too
+                wanted += [one._replace(name=f"{one.name}/*") for one in wanted if one.role == "serves"]
             allowed[enclave(namespace, spec.name)] = wanted
     every = [_kind(endpoint) for endpoint in asked.every_node if not endpoint.name.startswith("~")]
     allowed[enclave(namespace, COMMAND_LINE)] = [_permission(namespace, "", *kind) for kind in (*every, *PERSON)]

@@ -48,7 +48,6 @@ from pushfric_msgs.msg import (
     Hypothesis,
     LimitSurface,
     ObjectChange,
-    PlanarPose,
     PusherState,
     Recognition,
     RejectedPush,
@@ -321,10 +320,10 @@ def pushes_from_msg(request: PredictPush.Request) -> tuple[np.ndarray, np.ndarra
 
 def add_predictions(predictions: Predictions, response: PredictPush.Response, with_samples: bool) -> None:
     """Add predicted motions of pushes to an answer."""
-    response.twists.extend(map(_twist, predictions.twists.tolist()))
+    response.twists.extend(predictions.twists.ravel().tolist())
     response.modes.extend(MODE_TO_MSG[mode] for mode in predictions.modes)
     response.spreads.extend(predictions.spread.tolist())
-    response.forces.extend(map(_vector, predictions.forces.tolist()))
+    response.forces.extend(predictions.forces.ravel().tolist())
     response.covariances.extend(predictions.covariance.ravel().tolist())
     if with_samples:
         response.sample_twists.extend(predictions.samples.twists.ravel().tolist())
@@ -336,7 +335,7 @@ def strokes_from_msg(request: PredictStroke.Request) -> tuple[list[Pose], list[P
     Raises:
         ValueError: their numbers differ, there are none, a direction is not unit, or a number makes no sense.
     """
-    starts = np.array([(pose.x, pose.y, pose.theta) for pose in request.starts]).reshape(-1, 3)
+    starts = _rows("starts", request.starts, 3)
     _within("starts", starts, FARTHEST, "m")
     origins, directions = _planar(request.origins, "origins"), _units("directions", request.directions)
     radii, positions = np.array(request.tip_radii, dtype=float), np.array(request.positions, dtype=float)
@@ -354,7 +353,7 @@ def strokes_from_msg(request: PredictStroke.Request) -> tuple[list[Pose], list[P
 
 def add_strokes(strokes: Strokes, response: PredictStroke.Response, with_samples: bool) -> None:
     """Add the ends of strokes to an answer."""
-    response.ends.extend(PlanarPose(x=x, y=y, theta=theta) for x, y, theta in strokes.means.tolist())
+    response.ends.extend(strokes.means.ravel().tolist())
     response.covariances.extend(strokes.covariance.ravel().tolist())
     if with_samples:
         response.sample_ends.extend(strokes.poses.ravel().tolist())
@@ -369,8 +368,8 @@ def contacts_from_msg(request: MotionConeSrv.Request) -> tuple[np.ndarray, np.nd
 
 def add_cones(cones: MotionCone, response: MotionConeSrv.Response) -> None:
     """Add motion cones to an answer."""
-    response.right.extend(map(_twist, cones.right.tolist()))
-    response.left.extend(map(_twist, cones.left.tolist()))
+    response.right.extend(cones.right.ravel().tolist())
+    response.left.extend(cones.left.ravel().tolist())
 
 
 def turns_from_msg(
@@ -419,12 +418,16 @@ def limit_surface_to_msg(basis: Basis, total_friction: float, model: FrictionMod
     return msg
 
 
-def _planar(
-    vectors: Sequence[Point] | Sequence[Vector3], what: str = "contact_points", most: float = FARTHEST, unit: str = "m"
-) -> np.ndarray:
-    found = np.array([(vector.x, vector.y) for vector in vectors], dtype=float).reshape(-1, 2)
+def _planar(numbers: Sequence[float], what: str = "contact_points", most: float = FARTHEST, unit: str = "m") -> np.ndarray:
+    found = _rows(what, numbers, 2)
     _within(what, found, most, unit)
     return found
+
+
+def _rows(what: str, numbers: Sequence[float], width: int) -> np.ndarray:
+    if len(numbers) % width:
+        raise ValueError(f"{what} must have {width} numbers each, got {len(numbers)} in all")
+    return np.array(numbers, dtype=float).reshape(-1, width)
 
 
 def _within(what: str, rows: np.ndarray, most: float, unit: str) -> None:
@@ -433,8 +436,8 @@ def _within(what: str, rows: np.ndarray, most: float, unit: str) -> None:
             check_within(what, row, most, unit)
 
 
-def _units(what: str, vectors: Sequence[Vector3]) -> np.ndarray:
-    found = _planar(vectors, what)
+def _units(what: str, numbers: Sequence[float]) -> np.ndarray:
+    found = _planar(numbers, what)
     lengths = np.linalg.norm(found, axis=1)
     wrong = ~(np.abs(lengths - 1) <= UNIT)
     if wrong.any():

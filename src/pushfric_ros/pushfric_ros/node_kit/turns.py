@@ -3,6 +3,9 @@
 So a short request is answered soon, however long the others are, and the node's timers go on. A request whose time is over is
 refused; once a service has no clients left, its requests are dropped. rclpy answers one request after another, and does
 not say which client a request is from.
+
+ROS 2 sends each answer to all clients of a service. So each client that asks for a service below one of these, by any name of
+its own, gets one.
 """
 
 import time
@@ -25,6 +28,15 @@ TURN = 0.02
 
 PATIENCE = 1.0
 """Whether a service still has clients is asked when a request is this old [s]: a new client may not be known yet."""
+
+SHARE = 10
+"""This many clients may share a service: one with one open call, and rclpy's queue, loses no answer among those to others."""
+
+LOOK = 0.1
+"""New clients, and those that have gone, are looked for this often [s]."""
+
+Begin = Callable[[Any], tuple["Answer", "Refuse"]]
+"""Begins the work for a request, in which a ValueError or PushfricError says why it fails."""
 
 Answer = Generator[None, None, Any]
 """The work for a request: it pauses after each slice, and returns the response."""
@@ -49,34 +61,50 @@ class Turns(Waitable):
         super().__init__(node.default_callback_group)
         self._node, self._longest = node, longest
         self.answered = self.refused = self.dropped = 0
-        self._begin: dict[Service, Callable[[Any], tuple[Answer, Refuse]]] = {}
+        self._offered: dict[str, tuple[Any, Begin]] = {}  # types of the services, by name
+        self._begin: dict[Service, Begin] = {}
+        self._own: dict[str, Service] = {}  # of single clients, by name
         self._indices: dict[Service, int] = {}
         self._ready: list[Service] = []
         self._calls: deque[_Call] = deque()
         self._more = node.create_guard_condition(self._work)
         node.add_waitable(self)
+        node.create_timer(LOOK, self._look)
 
     @property
     def waiting(self) -> int:
         """Number of requests that have no answer yet."""
         return len(self._calls)
 
-    def serve(self, kind: Any, name: str, begin: Callable[[Any], tuple[Answer, Refuse]]) -> None:
-        """Offer a service.
+    def serve(self, kind: Any, name: str, begin: Begin) -> None:
+        """Offer a service, whose requests have a `deadline`, and one to each client that asks for one below it."""
+        name = self._node.resolve_service_name(name)
+        self._offered[name] = kind, begin
+        self._serve(kind, name, begin)
 
-        Args:
-            kind: type of the service; its requests have a `deadline`.
-            name: of the service.
-            begin: begins the work for a request, in which a ValueError or PushfricError says why it fails.
-        """
+    def _serve(self, kind: Any, name: str, begin: Begin) -> Service:
         service = self._node.create_service(kind, name, _taken_here, qos_profile=REQUESTS, callback_group=_TakenHere())
         self._begin[service] = begin
+        return service
+
+    def _look(self) -> None:
+        """Serve the clients that have come with a name of their own, and no longer those that have gone."""
+        known = [(name, self._offered.get(name.rpartition("/")[0])) for name, _ in self._node.get_service_names_and_types()]
+        asked = {name: offered for name, offered in known if offered and self._node.count_clients(name)}
+        for name in self._own.keys() - asked.keys():
+            service = self._own.pop(name)
+            del self._begin[service]
+            self._node.destroy_service(service)
+        for name in asked.keys() - self._own.keys():
+            kind, begin = asked[name]
+            self._own[name] = self._serve(kind, name, begin)
 
     def _work(self) -> None:
         begin = time.monotonic()
         while self._calls and time.monotonic() - begin < TURN:
             call = self._calls.popleft()
-            if time.monotonic() - call.came > PATIENCE and not self._node.count_clients(call.service.service_name):
+            gone = call.service not in self._begin
+            if gone or (time.monotonic() - call.came > PATIENCE and not self._node.count_clients(call.service.service_name)):
                 self.dropped += 1
             elif (response := self._slice(call)) is None:
                 self._calls.append(call)
@@ -90,6 +118,9 @@ class Turns(Waitable):
         try:
             if not time.monotonic() <= call.came + call.allowed:  # nor if it is not a number
                 raise ValueError(f"no answer within {call.allowed:g} s")
+            if call.clients > SHARE:
+                name = call.service.service_name
+                raise ValueError(f"more than {SHARE} clients share {name}, and lose answers: each must ask {name}/ITS_OWN_NAME")
             next(call.answer)
         except StopIteration as end:
             self.answered += 1
@@ -138,7 +169,8 @@ class Turns(Waitable):
             waited = (time.time_ns() - header.received_timestamp) / 1e9 if header.received_timestamp else 0.0
             allowed = min(request.deadline, self._longest) if request.deadline else self._longest
             came = time.monotonic() - max(waited, 0.0)
-            self._calls.append(_Call(service, header, came, allowed, *self._begin[service](request)))
+            clients = self._node.count_clients(service.service_name)
+            self._calls.append(_Call(service, header, came, allowed, clients, *self._begin[service](request)))
         self._more.trigger()
 
 
@@ -149,6 +181,7 @@ class _Call(NamedTuple):
     header: Any  # says who asked
     came: float  # by time.monotonic() [s]
     allowed: float  # how long the work may take [s]
+    clients: int  # of the service
     answer: Answer
     refuse: Refuse
 

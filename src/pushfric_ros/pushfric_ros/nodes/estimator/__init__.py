@@ -4,6 +4,7 @@ import dataclasses
 import pathlib
 from collections import Counter
 from collections.abc import Generator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
@@ -14,6 +15,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pushfric_core.bags.contents import mcap_file
+from pushfric_core.bags.run_record import PLAN, PlanRecord
 from pushfric_core.bags.samples import (
     force_sample_from_msg,
     observation_from_msg,
@@ -40,7 +42,7 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.stream import OUTLASTS
 from pushfric_core.wording import data_of
-from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PusherState
+from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.messages.conversions import observation_to_msg, stamp_to_msg
@@ -48,7 +50,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, withou
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
+from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
 from pushfric_ros.nodes.estimator.publications import ModelPublication, Publications
@@ -97,10 +99,11 @@ class EstimatorNode(Node):
             self._observations_out = topics.advertise(ObservationMsg, "observation", RELIABLE)
             self._required_subscribers = RequiredSubscribers(self, self._observations_out, ["recorder"])
             self._transforms = TransformBroadcaster(self, prefix)
-            topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, RELIABLE)
-            topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
+            for kind, topic in ((PoseWithCovarianceStamped, "object_pose"), (PusherState, "pusher_state")):
+                topics.subscribe(kind, topic, partial(self._on_input, topic), RELIABLE)
+            self.create_subscription(PlanProgress, PLAN, partial(self._on_input, PLAN), LATCHED_QUEUE)
             if self._settings.with_forces:
-                topics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_QUEUE)
+                topics.subscribe(WrenchStamped, "wrench", partial(self._on_input, "wrench"), SENSOR_QUEUE)
         self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
         self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
         self._told: tuple[int, int, bool] | None = None  # what the last report said
@@ -178,11 +181,9 @@ class EstimatorNode(Node):
             self._begin(self._resumption.start.object)
             self._publish_settings()
             self._publish_start()
-        for topic, msg, _ in found:
-            self._take_input(topic, msg)
         held = self._resumption.held
-        for topic, msg, _ in held or ():
-            self._take_input(topic, msg)
+        for each in (*found, *(held or ())):
+            self._take_input(*each)
         if self._online.estimate is not before:
             self._publications.everything(self._judge())
         if held is not None:
@@ -207,6 +208,7 @@ class EstimatorNode(Node):
         last = self._resumption.settings if self._resumption is not None else None
         self._excluded = set(settings.excluded if last is None else last.excluded)
         self._maker = ObservationMaker(model.outline, settings.trajectory, settings.with_forces)
+        self._plan = PlanRecord()
         self._estimate_anew()
         self._verdict = Verdict()
         self._problem: str | None = None
@@ -226,30 +228,25 @@ class EstimatorNode(Node):
     def _settings_now(self) -> EstimatorSettings:
         return dataclasses.replace(self._settings, excluded=tuple(sorted(self._excluded)))
 
-    def _on_pose(self, msg: PoseWithCovarianceStamped) -> None:
-        self._on_input("object_pose", msg)
-
-    def _on_pusher_state(self, msg: PusherState) -> None:
-        self._on_input("pusher_state", msg)
-
-    def _on_wrench(self, msg: WrenchStamped) -> None:
-        self._on_input("wrench", msg)
-
     def _on_input(self, topic: str, msg: Any) -> None:
+        clock = self.get_clock()
+        received = None if clock.ros_time_is_active else clock.now().nanoseconds  # a replay's clock says nothing of delays
         if self._resumption is not None:
-            self._resumption.hold(topic, msg)
-        elif self._take_input(topic, msg) and topic == "object_pose":
+            self._resumption.hold(topic, msg, received)
+        elif self._take_input(topic, msg, received) and topic == "object_pose":
             self._transforms.broadcast(object_transform(msg))
 
-    def _take_input(self, topic: str, msg: Any) -> bool:
+    def _take_input(self, topic: str, msg: Any, received: int | None) -> bool:
         """Make observations from a message of a topic or of the bag; return whether the message was valid."""
         try:
-            if topic == "wrench":
+            if topic == PLAN:
+                self._plan.take(msg)
+            elif topic == "wrench":
                 self._take(self._maker.add_force(force_sample_from_msg(msg)))
             elif topic == "object_pose":
-                self._take(self._maker.add_pose(pose_sample_from_msg(msg)))
+                self._take(self._maker.add_pose(pose_sample_from_msg(msg), received))
             else:
-                self._take(self._maker.add_pusher(pusher_sample_from_msg(msg)))
+                self._take(self._maker.add_pusher(pusher_sample_from_msg(msg), received))
         except ValueError as error:
             self._refused_messages[KINDS[topic]] += 1
             self._refuse(topic, error)
@@ -453,13 +450,15 @@ class EstimatorNode(Node):
 
     def _ledger(self) -> Ledger:
         """The account of every message so far."""
-        ledger = self._maker.ledger(ended=False)
+        ledger = self._maker.ledger(self._plan.planned, ended=False)
         for kind, number in self._refused_messages.items():
             ledger.accounts[kind].enter(REFUSED, number)
         ledger.doubt_refused()
         used = Counter(one.push_id for one in self._online.observations)
         made = Counter(one.push_id for one in self._made)
-        ledger.settle(made, used, self._excluded, {one.push_id for one in self._verdict.rejected})
+        self._plan.doubt_empty(ledger, made, self._maker.settled)
+        rejected = {one.push_id for one in self._verdict.rejected}
+        ledger.settle(made, used, self._excluded, rejected, self._plan.started, self._plan.aborted)
         return ledger
 
     def _health(self) -> Health:
@@ -485,7 +484,8 @@ class EstimatorNode(Node):
             values["observations without their force yet"] = self._maker.waiting
         if self._resumption is not None:
             return Health(Level.WARN, f"goes on from {self._bag}", values)
-        if silent := without_publisher(self):
+        # a cell of another kind has no plan
+        if silent := [topic for topic in without_publisher(self) if not topic.endswith(f"/{PLAN}")]:
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem is not None:
             return Health(Level.ERROR, self._problem, values)

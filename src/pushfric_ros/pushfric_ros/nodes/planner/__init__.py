@@ -8,10 +8,10 @@ from rclpy.node import Node
 
 from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_msgs.msg import FrictionModel
-from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import MODEL_TOPIC
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.planner_client import QUESTIONS
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.node_kit.turns import Answer, Refuse, Turns
@@ -20,15 +20,6 @@ from pushfric_ros.nodes.planner.known import Known
 
 NICENESS = 5
 """The process gives way to the others of the cell by this much, so that no planner delays an estimate."""
-
-QUESTIONS = {
-    "predict_push": PredictPush,
-    "predict_stroke": PredictStroke,
-    "motion_cone": MotionCone,
-    "stable_pushes": StablePushes,
-    "limit_surface": GetLimitSurface,
-}
-"""Services, by name."""
 
 
 class PlannerNode(Node):

@@ -29,9 +29,8 @@ from pushfric_ros.nodes.planner.known import Known
 NUMBERS = 2 * BLOCK
 """Support points times samples times pushes in a slice: some 10 ms of work."""
 
-
-LEAST_STEP = 1e-4
-"""Least step of a stroke [m]."""
+LEAST_STEP, LARGEST_STEP = 1e-4, 0.1
+"""Limits of the step of a stroke [m]: more steps take too long, and fewer miss the corners of an object."""
 
 
 class Answers:
@@ -47,7 +46,7 @@ class Answers:
 
     def predict_push(self, request: PredictPush.Request) -> Generator[None, None, PredictPush.Response]:
         model, outline = self._asked(request.mean_only)
-        self._check_number("contact_points", len(request.contact_points), "most_pushes")
+        self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
         pushes = pushes_from_msg(request)
         response = PredictPush.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(pushes[0]), model):
@@ -62,10 +61,10 @@ class Answers:
 
     def predict_stroke(self, request: PredictStroke.Request) -> Generator[None, None, PredictStroke.Response]:
         model, outline = self._asked(request.mean_only)
-        self._check_number("starts", len(request.starts), "most_strokes")
+        self._check_number("starts", len(request.starts) // 3, "most_strokes")
         starts, lines, positions = strokes_from_msg(request)
-        if request.step != 0 and not request.step >= LEAST_STEP:
-            raise ValueError(f"step must be 0, or at least {LEAST_STEP:g} m, got {request.step:g}")
+        if request.step != 0 and not LEAST_STEP <= request.step <= LARGEST_STEP:
+            raise ValueError(f"step must be 0, or {LEAST_STEP:g} to {LARGEST_STEP:g} m, got {request.step:g}")
         response = PredictStroke.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(starts), model):
             found = yield from stroke_steps(model, outline, starts[rows], lines[rows], positions[rows], request.step or STEP)
@@ -76,7 +75,7 @@ class Answers:
 
     def motion_cone(self, request: MotionCone.Request) -> Generator[None, None, MotionCone.Response]:
         model, outline = self._asked()
-        self._check_number("contact_points", len(request.contact_points), "most_pushes")
+        self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
         points, normals = contacts_from_msg(request)
         response = MotionCone.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(points), model):
@@ -88,7 +87,7 @@ class Answers:
 
     def stable_pushes(self, request: StablePushes.Request) -> Generator[None, None, StablePushes.Response]:
         model, outline = self._asked()
-        self._check_number("contact_points", len(request.contact_points), "most_pushes")
+        self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
         turns = turns_from_msg(request)
         for half_width in np.unique(turns[2]).tolist():
             check_half_width(outline, half_width)
