@@ -33,7 +33,7 @@ from pushfric_ros.node_kit.network import configured
 EXIT_INVALID_INPUT = 2
 
 URGENT, PATIENT = -10, 5
-"""Niceness of what watches over a motion, and of what can wait: pictures and pages."""
+"""Niceness of what watches over a motion, and of what gives way to the rest of the cell: the view and the planner."""
 
 WINDING_UP, LAST_WORDS = 5.0, 0.1
 """How long a node may take to wind up, and its last messages to leave [s]; `ros2 launch` kills a node after 10 s."""

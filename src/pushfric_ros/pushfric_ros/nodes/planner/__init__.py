@@ -1,6 +1,5 @@
 """The planner node: the estimator's last friction model -> answers to planners."""
 
-import os
 from collections.abc import Callable
 from typing import Any
 
@@ -12,14 +11,11 @@ from pushfric_ros.messages.conversions import MODEL_TOPIC
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.planner_client import QUESTIONS
-from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.process import PATIENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.node_kit.turns import Answer, Refuse, Turns
 from pushfric_ros.nodes.planner.answers import Answers
 from pushfric_ros.nodes.planner.known import Known
-
-NICENESS = 5
-"""The process gives way to the others of the cell by this much, so that no planner delays an estimate."""
 
 
 class PlannerNode(Node):
@@ -60,5 +56,4 @@ class PlannerNode(Node):
 
 
 def main() -> None:
-    os.nice(NICENESS)
-    run_node(PlannerNode)
+    run_node(PlannerNode, niceness=PATIENT)
