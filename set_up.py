@@ -587,6 +587,18 @@ def overlay(underlay: str | None) -> pathlib.Path:
     return BUILT / hashlib.sha256(f"{underlay} {ROOT}".encode()).hexdigest()[:12]
 
 
+def forget_removed_interfaces(folder: pathlib.Path) -> None:
+    """Where a message or service was removed, build all of them again: CMake would leave what it installed of it."""
+    for package in (path.parent for path in ROOT.glob("src/*/CMakeLists.txt")):
+        for kind in ("msg", "srv", "action"):
+            there = {
+                path.name for path in (folder / "install" / package.name / "share" / package.name / kind).glob(f"*.{kind}")
+            }
+            if not there <= {path.name for path in (package / kind).glob(f"*.{kind}")}:
+                shutil.rmtree(folder / "build" / package.name, ignore_errors=True)
+                shutil.rmtree(folder / "install" / package.name, ignore_errors=True)
+
+
 def build(underlay: str | None) -> list[pathlib.Path]:
     """`colcon build`, when something it copies or compiles has changed; Python modules are linked, not copied.
 
@@ -612,6 +624,7 @@ def build(underlay: str | None) -> list[pathlib.Path]:
         if not has_cpp(underlay):
             command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF", *PYTHON_ONLY]
         built.unlink(missing_ok=True)
+        forget_removed_interfaces(folder)
         run(in_environment(command, underlay, overlaid=False), "building the workspace", dict(os.environ))
         run(in_environment(["python3", "-c", WARM_UP], underlay), "loading all modules", keeping_bytecode())
         built.write_text(fingerprint)

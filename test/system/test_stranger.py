@@ -10,6 +10,7 @@ import threading
 
 import pytest
 from axe import violations
+from calls import PROGRAM
 from geometry_msgs.msg import PoseStamped
 from playwright.sync_api import Page, expect
 from sensor_msgs.msg import Image
@@ -156,7 +157,8 @@ def test_a_stranger_carries_out_a_plan(browser, ros, run, tmp_path):
     assert saved == (tmp_path / "bag/report.html").read_text(encoding="utf-8")
     expect(page.get_by_role("heading", name="Predictions tested on the last pushes")).to_be_visible()
     expect(page.locator("#rows tr")).to_have_count(PUSHES + 2)  # two of them twice
-    assert process.wait(PATIENCE) == 0
+    code = process.wait(PATIENCE)
+    assert code == subprocess.call([*PROGRAM, "bag", "verify", tmp_path / "bag"]) < 2  # a busy machine loses images
     expect(page.locator("#connection")).to_contain_text("the run has ended")
     for width, scheme in ((1280, "light"), (360, "dark")):
         page.set_viewport_size({"width": width, "height": 900})

@@ -33,6 +33,10 @@ def test_a_disk_that_refuses_is_said_and_holds_nothing_up(tmp_path):
     memory.keep(0.01)
     assert isinstance(memory.settle(60), OSError)
     assert memory.settled
+    (tmp_path / "file").unlink()
+    memory.keep(0.01)
+    assert memory.settle(60) is None
+    assert PositionMemory(str(tmp_path / "file"), "port").recall() == 0.01
 
 
 def test_every_link_to_a_port_leads_to_the_same_device(tmp_path):

@@ -103,10 +103,10 @@ def test_a_good_cell_passes_and_its_pusher_is_told_nothing_that_moves_it(tmp_pat
     with Listening(time.monotonic, homing=True) as controller:
         checks = examined(cell_file(tmp_path, controller.port, home=True), tmp_path)
         assert controller.position() == 0
-    rests_on_this_machine = {"ROS 2", "clock", "disk", "camera"}  # a busy machine reads too few frames a second
+    rests_on_this_machine = {"ROS 2", "clock", "priority", "disk", "camera"}  # a busy machine reads too few frames a second
     assert {name for name, check in checks.items() if check.level is not OK} <= rests_on_this_machine
     assert list(checks) == [
-        "ROS 2", "packages", "build", "clock", "disk", "discovery", "multicast",
+        "ROS 2", "packages", "build", "clock", "priority", "disk", "discovery", "multicast",
         "cell", "plan", "camera", "exposure", "calibration", "object", "port", "controller", "limits",
     ]  # fmt: skip
     assert set(controller.heard) == {"$I", "$$", "$#", "$G"}  # neither unlocked nor homed

@@ -57,9 +57,9 @@ class PositionMemory:
     def keep(self, position: float) -> None:
         """Have it kept where it rests [m]; NaN if it begins to move or its position is lost.
 
-        Where it rests is not kept while the disk is busy: call again.
+        Where it rests is not kept while the disk is busy, and nothing if it refuses: call again.
         """
-        kept, moves = self._kept, math.isnan(position)
+        kept, moves = None if self.settle(0.0) else self._kept, math.isnan(position)
         same = kept is not None and (abs(kept - position) <= RESOLUTION or (math.isnan(kept) and moves))
         if self._file is None or same or not (self.settled or moves):
             return

@@ -17,7 +17,7 @@ FEWEST, MOST = 3, 32
 BURST = 0.25
 """Samples that are received this much faster than they were stamped were waiting: only the last of them shows the delay."""
 
-SMALLEST = 0.03
+SMALLEST = 0.04
 """A smaller step [s] is not told from the delays of a busy machine."""
 
 LONGEST_WAIT = 5000

@@ -138,6 +138,8 @@ class Course:
         dropped, since = 0, 0
         for before, after, lost in pauses:
             limit = (LEAP + 0.5) * stream.usual if lost else config.longest_gap * NANOSECONDS
+            if before == stream.last and pushes and pushes[-1].after is None:  # a run that was cut off: its end is missing
+                limit = max(limit, SILENT * NANOSECONDS)
             touched = pushes[bisect_right(ends, before) : bisect_left(begins, after)]
             times = [min(after, one.last.stamp) - max(before, one.first.stamp) for one in touched]
             unseen = [(one.push_id, time) for one, time in zip(touched, times, strict=True) if time > limit]

@@ -240,9 +240,12 @@ class ExperimentNode(Node):
     async def _stood_still(self) -> bool:
         """Whether the push was given up for a pause alone, of the computer or of the controller, and nothing is in doubt."""
         since = time.monotonic()
-        await self._until(
-            lambda: self._hindrance() in (None, IN_ALARM, WAS_STOPPED) or time.monotonic() - since > ALARM_PATIENCE
-        )
+
+        def known() -> bool:
+            another = self._fault not in ("", PusherFault.NONE.value, *PAUSES)
+            return another or self._hindrance() in (None, IN_ALARM) or time.monotonic() - since > ALARM_PATIENCE
+
+        await self._until(known)
         return self._hindrance() is None and self._fault in PAUSES
 
     def _hindrance_to_choice(self) -> str | None:

@@ -168,7 +168,8 @@ export function drawMap(svg, story, trail = []) {
   const near = object.filter(([x, y]) => Math.hypot(x, y) < 10 * size);
   const all = [[0, 0], ...ghost, ...near, ...stroke, ...trail.flatMap(({ pose: past }) => (past ? [past] : []))];
   const step = 0.02; // so that the picture stands still while the object moves
-  const [left, low, right, high] = [Math.floor, Math.ceil].flatMap((to, end) => [0, 1].map((axis) => step * to((end ? 1 : -1) * 0.5 + (end ? Math.max : Math.min)(...all.map((point) => point[axis])) / step)));
+  if (!svg.still || !svg.sides) svg.sides = [Math.floor, Math.ceil].flatMap((to, end) => [0, 1].map((axis) => step * to((end ? 1 : -1) * 0.5 + (end ? Math.max : Math.min)(...all.map((point) => point[axis])) / step)));
+  const [left, low, right, high] = svg.sides;
   const scale = Math.min((WIDTH - 60) / (right - left), (height - 70) / (high - low));
   const to = ([x, y]) => [WIDTH / 2 + (x - (left + right) / 2) * scale, height / 2 - 10 - (y - (low + high) / 2) * scale];
   svg.toTable = ([u, v]) => [(left + right) / 2 + (u - WIDTH / 2) / scale, (low + high) / 2 - (v - height / 2 + 10) / scale];

@@ -123,6 +123,7 @@ function redraw() {
     at("map").classList.toggle("old", !moment && Math.max(run.age("pose"), run.age("pusher")) > 1);
     if (isLaid()) at("map").setAttribute("tabindex", "0"); // its keys move the object
     else at("map").removeAttribute("tabindex");
+    at("map").still = Boolean(held); // under a pointer that holds the object
     drawMap(at("map"), moment ? { object: story.object, pose: moment.pose } : story, moment ? run.moments.slice(moment.index - moment.place + 1, moment.index + 1) : []);
     const now = [run.version, at("line").clientWidth, connection, story.estimate, moment, compared];
     const changed = now.findIndex((one, index) => one !== drawn[index]);
