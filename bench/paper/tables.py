@@ -1,6 +1,6 @@
 """The paper's tables and figures as numbers: medians and quartiles over the seeds, next to what the paper prints.
 
-The keys are those of tables.json, named after the tables and figures of the paper.
+The keys are those of tables.json; docs/paper.md explains them.
 """
 
 import math

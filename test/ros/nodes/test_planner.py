@@ -392,7 +392,7 @@ def test_requests_of_clients_that_are_gone_are_dropped_and_their_services_end(ro
     gone = Node("gone", namespace="/cell")  # without an executor, which would still use it when it goes
     shared = cell.client("planner/predict_push", PredictPush, node=gone)
     clients = [shared, *(cell.client("predict_push", node=gone) for _ in range(2))]
-    assert len(own_services(cell)) == 2
+    ros.wait_for(lambda: len(own_services(cell)) == 2, what="a service for each client")
     monkeypatch.setattr(turns, "PATIENCE", 0.0)
     with monkeypatch.context() as held:
         held.setattr(turns, "TURN", 0.0)  # no work is done before the clients have gone
