@@ -64,6 +64,7 @@ class Turns(Waitable):
         self._offered: dict[str, tuple[Any, Begin]] = {}  # types of the services, by name
         self._begin: dict[Service, Begin] = {}
         self._own: dict[str, Service] = {}  # of single clients, by name
+        self._seen: dict[str, float] = {}  # when each of these clients was last there, by time.monotonic() [s]
         self._indices: dict[Service, int] = {}
         self._ready: list[Service] = []
         self._calls: deque[_Call] = deque()
@@ -91,8 +92,11 @@ class Turns(Waitable):
         """Serve the clients that have come with a name of their own, and no longer those that have gone."""
         known = [(name, self._offered.get(name.rpartition("/")[0])) for name, _ in self._node.get_service_names_and_types()]
         asked = {name: offered for name, offered in known if offered and self._node.count_clients(name)}
-        for name in self._own.keys() - asked.keys():
+        now = time.monotonic()
+        self._seen |= dict.fromkeys(asked, now)  # a client that is there may be missed for a moment
+        for name in [one for one in self._own if now - self._seen[one] > PATIENCE]:
             service = self._own.pop(name)
+            del self._seen[name]
             del self._begin[service]
             self._node.destroy_service(service)
         for name in asked.keys() - self._own.keys():
