@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pushfric_core.settings import AUTO
 
 RESOLUTION = 2e-5
-"""A pusher that rests is kept anew if it is farther than this from what was kept: positions of an arm tremble [m]."""
+"""A position at rest is written again only if it differs by more than this: the poses of an arm are noisy [m]."""
 LONGEST = 200
 """Number of characters of the file that are read; it holds one number."""
 

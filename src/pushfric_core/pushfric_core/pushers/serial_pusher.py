@@ -689,7 +689,7 @@ class SerialPusher(ABC):
         assert self._stroke is not None
         stroke = self._stroke
         self._ensure_full_feed()
-        self._answer, began, waits, offered = None, clock(), False, False
+        self._answer, began, waits = None, clock(), False
         moved, place = began, self._last.position
         idle, short, seen, believed, patience = 0, False, self._statuses, self._believed, REFUSED_OFTEN
         while True:
@@ -701,11 +701,10 @@ class SerialPusher(ABC):
                 if not self._answer.passing or not patience:
                     raise self._answer
                 # a piece that arrives at the very end of the one before runs as an ordinary line, and blocks jogs until its end
-                self._answer, patience, waits, offered = None, patience - 1, True, False
+                self._answer, patience, waits = None, patience - 1, True
                 stroke.take_back()
-            if offered and self._pending is None:
+            if self._pending is None:
                 stroke.accept(now)
-                offered = False
             if self._believed > believed:
                 believed = self._believed
                 if self._last.position != place:
@@ -734,7 +733,7 @@ class SerialPusher(ABC):
             stands = waits or (idle and short)
             if self._pending is None and not stands and (end := stroke.next_piece(self._last.position)) is not None:
                 self._send_line(self._piece(end, stroke.speed))
-                idle, seen, offered = 0, self._statuses, True
+                idle, seen = 0, self._statuses
             if now - self._last_ask >= ASK_MOVING:
                 self._ask(self._now_stamp)
             yield

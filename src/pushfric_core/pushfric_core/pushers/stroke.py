@@ -97,8 +97,9 @@ class Stroke:
         self._sent -= 1
 
     def accept(self, now: float) -> None:
-        """The controller has accepted the last piece, by `now` [s]."""
-        self._accepted.append((now, self.forward * (self.sent - self.start)))
+        """The controller has accepted all that was sent, by `now` [s]."""
+        if (end := self.forward * (self.sent - self.start)) != self._accepted[-1][1]:
+            self._accepted.append((now, end))
 
     def is_slowed(self, position: float, speed: float, asked: float) -> bool:
         """Whether a report shows that the pusher slows down although its controller knows that it goes on.

@@ -18,7 +18,7 @@ BURST = 0.25
 """Samples that are received this much faster than they were stamped were waiting: only the last of them shows the delay."""
 
 SMALLEST = 0.04
-"""A smaller step [s] is not told from the delays of a busy machine."""
+"""A smaller step or lag [s] is not told from the delays of a busy machine."""
 
 LONGEST_WAIT = 5000
 """Ends of blocks that wait for those after them: a stream may have stopped."""

@@ -7,12 +7,14 @@ scatter as much as their mean may be off. Only a tip that keeps to its line can 
 
 import math
 from collections import deque
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
 
 from pushfric_core.geometry.outline import Outline
+from pushfric_core.trajectories.clocks import SMALLEST
 from pushfric_core.trajectories.course import RESTS
 
 if TYPE_CHECKING:
@@ -36,9 +38,6 @@ MOVED = 0.001
 STRAY = 5.0
 """Pushes farther from the median lag than this multiple of the median distance do not count: a hand moved the object."""
 
-LARGE = 0.04
-"""A smaller lag [s] is not told from the delays of a busy machine."""
-
 
 class Lag(NamedTuple):
     """How late the stamps of poses are."""
@@ -49,15 +48,16 @@ class Lag(NamedTuple):
     @property
     def is_large(self) -> bool:
         """Whether it is certain that it is more than delays."""
-        return abs(self.mean) - self.radius > LARGE
+        return abs(self.mean) - self.radius > SMALLEST
 
 
-class _Push(NamedTuple):
+@dataclass
+class _Push:
     """A push, with what came in the second after it."""
 
-    states: "list[PusherSample]"
-    frames: "list[PoseSample]"
-    ends: "list[int]"  # the stamp of its last state [ns]
+    end: int = 0  # the stamp of its last state [ns]
+    states: "list[PusherSample]" = field(default_factory=list)
+    frames: "list[PoseSample]" = field(default_factory=list)
 
 
 class Lags:
@@ -78,9 +78,9 @@ class Lags:
         if state.push_id is not None:
             if state.push_id != self._newest or not self._pushes:
                 self._newest = state.push_id
-                self._pushes.append(_Push([], [], [0]))
-            self._pushes[-1].ends[0] = state.stamp
-        if self._pushes and state.stamp - self._pushes[-1].ends[0] < (NEAR + GUARD) * 1e9:
+                self._pushes.append(_Push())
+            self._pushes[-1].end = state.stamp
+        if self._pushes and state.stamp - self._pushes[-1].end < (NEAR + GUARD) * 1e9:
             self._pushes[-1].states.append(state)
 
     def add_pose(self, sample: "PoseSample") -> None:
@@ -88,7 +88,7 @@ class Lags:
         while len(self._pushes) > 1 and sample.stamp >= self._pushes[1].states[0].stamp:
             if (found := self._measured(self._pushes.popleft())) is not None:
                 self._found.append(found)
-        if self._pushes and self._pushes[0].states[0].stamp <= sample.stamp < self._pushes[0].ends[0] + NEAR * 1e9:
+        if self._pushes and self._pushes[0].states[0].stamp <= sample.stamp < self._pushes[0].end + NEAR * 1e9:
             self._pushes[0].frames.append(sample)
 
     @property
@@ -107,7 +107,7 @@ class Lags:
     def _measured(self, push: _Push) -> tuple[float, float] | None:
         """The lag in a push, and its weight; None if it does not show it."""
         line, start = push.states[0].line, push.states[0].stamp
-        last = next(one for one in push.states if one.stamp == push.ends[0])
+        last = next(one for one in push.states if one.stamp == push.end)
         stops = abs(last.speed) <= RESTS < max(one.speed for one in push.states)  # else nobody knows how far the tip went
         if len(push.frames) < FEWEST_FRAMES or not stops or any(one.line != line for one in push.states):
             return None

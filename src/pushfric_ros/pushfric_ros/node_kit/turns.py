@@ -63,8 +63,7 @@ class Turns(Waitable):
         self.answered = self.refused = self.dropped = 0
         self._offered: dict[str, tuple[Any, Begin]] = {}  # types of the services, by name
         self._begin: dict[Service, Begin] = {}
-        self._own: dict[str, Service] = {}  # of single clients, by name
-        self._seen: dict[str, float] = {}  # when each of these clients was last there, by time.monotonic() [s]
+        self._own: dict[str, tuple[Service, float]] = {}  # of single clients, and when these were last there [s], by name
         self._indices: dict[Service, int] = {}
         self._ready: list[Service] = []
         self._calls: deque[_Call] = deque()
@@ -93,15 +92,13 @@ class Turns(Waitable):
         known = [(name, self._offered.get(name.rpartition("/")[0])) for name, _ in self._node.get_service_names_and_types()]
         asked = {name: offered for name, offered in known if offered and self._node.count_clients(name)}
         now = time.monotonic()
-        self._seen |= dict.fromkeys(asked, now)  # a client that is there may be missed for a moment
-        for name in [one for one in self._own if now - self._seen[one] > PATIENCE]:
-            service = self._own.pop(name)
-            del self._seen[name]
-            del self._begin[service]
-            self._node.destroy_service(service)
-        for name in asked.keys() - self._own.keys():
-            kind, begin = asked[name]
-            self._own[name] = self._serve(kind, name, begin)
+        for name, (kind, begin) in asked.items():
+            service = self._own[name][0] if name in self._own else self._serve(kind, name, begin)
+            self._own[name] = service, now
+        for name, (service, seen) in list(self._own.items()):
+            if now - seen > PATIENCE:  # a client that is there may be missed for a moment
+                del self._own[name], self._begin[service]
+                self._node.destroy_service(service)
 
     def _work(self) -> None:
         begin = time.monotonic()

@@ -169,8 +169,7 @@ class ActuatorNode(LifecycleNode):
     def destroy_node(self) -> None:
         """Stop the pusher before anything else ends."""
         self._pusher.close()
-        if self._memory is not None:
-            self._memory.settle(DISK)
+        self._settle(DISK)
         self._button.close()
         self._server.destroy()
         super().destroy_node()
@@ -403,7 +402,11 @@ class ActuatorNode(LifecycleNode):
         rests = not moves and Position.KNOWN in self._state and not self._state & UNDER_WAY
         rests = rests and report.mode is Mode.IDLE and report.speed == 0
         self._memory.keep(report.position if rests else math.nan)
-        if (problem := self._memory.settle(0.0)) is not None:
+        self._settle(0.0)
+
+    def _settle(self, seconds: float) -> None:
+        """Wait for the disk, at most so long, and say once if it refuses."""
+        if self._memory is not None and (problem := self._memory.settle(seconds)) is not None:
             self.get_logger().warning(f"the pusher's position is not kept: {problem}", once=True)
 
     def _poll(self) -> None:
