@@ -327,7 +327,7 @@ def test_the_subscriber_of_the_docs_prints_an_estimate(ros, tmp_path):
         try:
             assert planner.stdout.readline().startswith("geometry_msgs.msg.Point(")
         finally:
-            planner.terminate()
+            planner.kill()  # rclpy.spin can miss a SIGTERM that comes with a message: seen once in 24 runs on busy cores
 
 
 def test_the_client_of_the_docs_prints_an_answer(ros):
