@@ -25,10 +25,11 @@ from collections import deque
 from dataclasses import dataclass
 
 from pushfric_core.pushers.clock import clock
+from pushfric_core.pushers.driver import Script
 from pushfric_core.pushers.driver_states import Phase, Role
-from pushfric_core.pushers.pusher import Limits, NotConnected, NotReady, Timeout
+from pushfric_core.pushers.pusher import Halted, Limits, NotConnected, NotReady, Timeout
 from pushfric_core.pushers.serial_config import SerialConfig
-from pushfric_core.pushers.serial_pusher import MM, MM_PER_MINUTE, Halted, Refused, Script, SerialPusher, StatusReport, moves
+from pushfric_core.pushers.serial_pusher import MM, MM_PER_MINUTE, Refused, SerialPusher, StatusReport, moves
 from pushfric_core.pushers.stroke import Plausibility
 
 QUESTION, STOP, KILL = "M114 R", "M410", "M112"
@@ -219,7 +220,7 @@ class Marlin(SerialPusher):
         yield from self._command("M110 N0")
         yield from self._report()
 
-    def _resting(self) -> Script:
+    def _braking(self) -> Script:
         """Wait until it rests. Even if the stop was lost, the planner soon runs dry; if it does not, only a kill is left."""
         deadline = clock() + REST_WITHIN
         status = yield from self._report()

@@ -162,13 +162,13 @@ REASONS = {
     "estimator": f"estimator {SILENT}",
     "experiment": f"its client {SILENT}",
     "actuator": f"the pusher (does not answer|forgot it)|stood still for|{SILENT}.*the actuator itself stood still",
-    "simulated_cell": f"the controller at|lost .*pusher|{UNSEEN}",
+    "simulated_cell": f"the controller at|no report of|lost .*pusher|{UNSEEN}",
     "recorder": "(?!)",
 }
 """By the node that is struck: why a push may be aborted."""
 
 STARVED = (
-    f"{SILENT}|{UNSEEN}|stood still for|said nothing for|no answer to|is not done after|the pusher (does not answer|forgot it)"
+    f"{SILENT}|{UNSEEN}|stood still for|no report of|no answer to|is not done after|the pusher (does not answer|forgot it)"
 )
 
 ANY = (0, 1)

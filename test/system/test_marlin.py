@@ -12,10 +12,10 @@ from marlin_firmware import SimulatedMarlin
 
 from examples.marlin import Marlin
 from pushfric_core.pushers.pusher import (
+    Halted,
     NotConnected,
     NotReady,
 )
-from pushfric_core.pushers.serial_pusher import Halted
 from pushfric_core.simulated.faulty_line import FaultyLine, once
 
 FAR = 0.05

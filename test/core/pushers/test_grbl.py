@@ -11,8 +11,8 @@ import pytest
 
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, parse_status
-from pushfric_core.pushers.pusher import Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
-from pushfric_core.pushers.serial_pusher import Held, StatusReport
+from pushfric_core.pushers.pusher import Held, Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
+from pushfric_core.pushers.serial_pusher import StatusReport
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
@@ -285,7 +285,7 @@ def test_a_pusher_that_is_not_connected_cannot_be_used():
         pusher.poll()
     with pytest.raises(NotConnected, match="is not open"):
         pusher.send(RealTime.RESUME)
-    with pytest.raises(NotConnected, match="no controller is connected at /dev/no_such_port"):
+    with pytest.raises(NotConnected, match="the pusher is not connected: no controller at /dev/no_such_port"):
         pusher.recover()
     pusher.ask(1)
     pusher.stop()

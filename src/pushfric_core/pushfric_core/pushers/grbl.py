@@ -7,6 +7,7 @@ override changes a jog, and a feed hold cancels it.
 import math
 
 from pushfric_core.pushers.clock import clock
+from pushfric_core.pushers.driver import Script
 from pushfric_core.pushers.driver_states import Phase, Role
 from pushfric_core.pushers.grbl_protocol import (
     ALARM,
@@ -24,16 +25,13 @@ from pushfric_core.pushers.grbl_protocol import (
     parse_status,
     work_offset_of,
 )
-from pushfric_core.pushers.pusher import Jumped, Limits, Mode, NotConnected, Timeout
+from pushfric_core.pushers.pusher import Halted, Held, Jumped, Limits, Mode, NotConnected, Timeout
 from pushfric_core.pushers.serial_pusher import (
     ASKED_FOR_TWO_ALIKE,
     MM,
     MM_PER_MINUTE,
     STATE_MODES,
     WIPED,
-    Halted,
-    Held,
-    Script,
     SerialPusher,
     StatusReport,
 )
@@ -166,7 +164,7 @@ class Grbl(SerialPusher):
     # Scripts
 
     def _connecting(self) -> Script:
-        yield from self._hear()
+        yield from self._await_greeting()
         status = yield from self._come_to_rest()
         if status.state not in ("Idle", "Alarm"):
             if self._role is Role.LOOKS:
@@ -198,7 +196,7 @@ class Grbl(SerialPusher):
             self._suspect("the controller restarted by itself: its reset input, or its supply")
             self._restarted = False
 
-    def _hear(self) -> Script:
+    def _await_greeting(self) -> Script:
         """Wait for the greeting of a board that boots when its port is opened, or the answer of one that runs already."""
         deadline = clock() + self._greeting_timeout
         while not self._greetings and not self._statuses:

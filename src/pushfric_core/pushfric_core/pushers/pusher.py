@@ -71,6 +71,14 @@ class Suspended(Timeout):
     """The computer was suspended, and the pusher may have gone on meanwhile."""
 
 
+class Halted(PusherError):
+    """The controller stopped by itself: it may have lost steps, and only a person says that it may go on."""
+
+
+class Held(Halted):
+    """An input of the controller, or somebody at it, stopped the pusher or keeps it from moving."""
+
+
 class Jumped(PusherError):
     """The pusher is reported where it cannot have gone, so the controller's position is no longer true."""
 

@@ -1,57 +1,45 @@
 """The common part of all drivers of a controller on a serial port: a stroke is a stream of short pieces.
 
-Nothing here blocks, and there is no thread. The owner calls `poll()` a hundred times a second or more; it reads what has
-arrived and takes the next step of what is under way. `ask()` requests a report. Waits are measured in real time.
-
 The controller never has more of a stroke than it moves through in the time `ahead`, judged by the positions that it reports. If
 this process dies, hangs or loses the line, the pusher therefore stops after that time. Flow control is send-and-wait: a line is
 sent only after the controller has answered the last one.
-
-`driver_states.DRIVER` is the table of a driver's states: each phase is a script of commands and answers, and what happens
-decides which one comes next. If anything goes wrong, `poll()` first tells the pusher to stop and then raises the error.
-Connecting, for the first time or again, never moves the pusher and never ends an alarm: both wait for `recover()`.
 """
 
 import contextlib
 import math
 import os
 import statistics
-import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Generator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from pushfric_core.pushers.clock import Wakefulness, clock
-from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, STOPPING, Action, Event, Phase, Role, Status, Trust
+from pushfric_core.pushers.clock import clock
+from pushfric_core.pushers.driver import Driver, Script
+from pushfric_core.pushers.driver_states import Phase, Role
 from pushfric_core.pushers.push_states import Homing
 from pushfric_core.pushers.pusher import (
-    POLL_PERIOD,
+    Halted,
+    Held,
     Jumped,
     LeftTheWay,
-    Limits,
     Mode,
     NotConnected,
     NotReady,
     PusherConfig,
     PusherError,
     PusherReport,
-    Suspended,
     Timeout,
-    TooFast,
 )
 from pushfric_core.pushers.serial_port import identity_of, open_port, write_all
 from pushfric_core.pushers.serial_settings import AXES, SerialSettings, check_axis
-from pushfric_core.pushers.state_table import step
+from pushfric_core.pushers.state_table import State
 from pushfric_core.pushers.stroke import Plausibility, Stroke
 
 if TYPE_CHECKING:
     import serial
 
-Script = Generator[None, None, None]
-"""A sequence of commands and answers; poll() takes it a step further."""
-FINISHED = object()
 WIPED = "wiped out by a reset"
 
 ANSWER_TIMEOUT = 3.0  # [s], as all below
@@ -62,7 +50,6 @@ ASK_AGAIN = 0.25  # a question that was not answered
 ASK_AGAIN_MOVING = 0.06
 STANDS = 1.0  # a pusher that stands still in mid-stroke
 SILENCE = 2.0  # at rest, unless the setting silence allows more
-CLOSE_TIMEOUT = 2.0
 LONGEST_LINE = 4096  # [bytes]
 ASKED_FOR_TWO_ALIKE = 6  # settings and offsets, which have no checksum
 STILL = 0.05  # another axis that is reported farther from its place than this has moved [mm]
@@ -88,14 +75,6 @@ class Refused(PusherError):
     """Whether the same line may be accepted a little later."""
 
 
-class Halted(PusherError):
-    """The controller stopped by itself: it may have lost steps, and only a person says that it may go on."""
-
-
-class Held(Halted):
-    """An input of the controller, or somebody at it, stopped the pusher or keeps it from moving."""
-
-
 @dataclass(frozen=True)
 class StatusReport:
     """A controller's report of itself, in its units (mm or inch, per minute)."""
@@ -115,7 +94,7 @@ class StatusReport:
     others: dict[str, str] = field(default_factory=dict)  # fields of other firmware
 
 
-class SerialPusher(ABC):
+class SerialPusher(Driver):
     """A Pusher: one linear axis of a controller on a serial port.
 
     Stroke position 0 is where the axis rests after homing; without homing, the zero of the controller's work coordinates.
@@ -150,27 +129,23 @@ class SerialPusher(ABC):
         """
         check_axis(axis)
         self._path, self._baud, self._greeting_timeout = port, baud, greeting_timeout
-        self._ahead, self._silence, self._factor = ahead, silence, real_time_factor
-        self._role = Role.LOOKS if only_look else Role.DRIVES
-        self._homing = Homing.HOMES if home else Homing.UNLOCKS
-        self._state = AT_FIRST
-        self._patience = max(SILENCE, silence) + self.deaf_after_stop  # at rest
+        self._ahead, self._factor = ahead, real_time_factor
         self._letter, self._sign = axis[-1], -1 if axis[0] == "-" else 1
         self._index = AXES.index(self._letter)
         self._zero = 0.0  # work coordinate of stroke position 0 [mm]
         self._port: serial.Serial | None = None
         self._damaged = 0  # reports
         self._plausibility = Plausibility()
-        self._forget()
+        super().__init__(
+            silence,
+            max(SILENCE, silence) + self.deaf_after_stop,
+            Homing.HOMES if home else Homing.UNLOCKS,
+            Role.LOOKS if only_look else Role.DRIVES,
+        )
 
     def _forget(self) -> None:
-        """Forget all about the controller: nothing is known of it until it has answered."""
+        super()._forget()
         self._buffer = b""
-        self._script: Script | None = None  # of the phase
-        self._stroke: Stroke | None = None  # until its end, or the end of the stop that broke it off
-        self._doubt = ""  # why the position is in doubt, if it is
-        self._polled: float | None = None  # when poll() was last called
-        self._now_stamp: int | None = None
         self._asked_last = 0.0  # when the question behind the newest report was sent
         self._believed = 0  # reports
         self._feed = math.inf  # in the last report [m/s]
@@ -179,7 +154,6 @@ class SerialPusher(ABC):
         self._strayed = False  # whether the last report said that one of them had moved
         self._held: str | None = None  # what holds the controller, unless it is this driver
         self._limits = ""  # pins that were active when the stroke began
-        self._awake = Wakefulness()
         self._latencies: deque[float] = deque(maxlen=9)  # of the last answers to ? [s]
         self._plausibility.forget()
         self._status: StatusReport | None = None
@@ -196,7 +170,6 @@ class SerialPusher(ABC):
         self._answer: Refused | str | None = None
         self._settings: dict[int | str, str] = {}
         self._version = ""
-        self._trouble: PusherError | None = None
 
     # What differs between controllers
 
@@ -215,10 +188,6 @@ class SerialPusher(ABC):
         """The firmware's names of the greatest travel, speed and acceleration of an axis."""
 
     @property
-    @abstractmethod
-    def limits(self) -> Limits: ...
-
-    @property
     def unit(self) -> float:
         """Unit of positions in reports [mm]; settings and commands are always in mm."""
         return 1.0
@@ -227,10 +196,6 @@ class SerialPusher(ABC):
     @abstractmethod
     def _resolution(self) -> float:
         """How near the controller gets to a target [m]."""
-
-    @abstractmethod
-    def hold(self, homing: bool = False) -> None:
-        """Have the controller stop at once, and keep its position unless it is homing. Raises NotConnected."""
 
     @abstractmethod
     def _last_words(self, homing: bool) -> bytes:
@@ -252,18 +217,6 @@ class SerialPusher(ABC):
     def _halted(self) -> Halted:
         """Why the controller that reports an alarm has stopped."""
 
-    @abstractmethod
-    def _connecting(self) -> Script:
-        """Find out who answers, bring it to rest, and learn its limits and its position; move nothing."""
-
-    @abstractmethod
-    def _reset(self) -> Script:
-        """Discard all that the controller has been sent. Raises Timeout if it does not answer afterwards."""
-
-    @abstractmethod
-    def _unlock(self) -> Script:
-        """End an alarm."""
-
     @property
     @abstractmethod
     def _homing_line(self) -> str:
@@ -277,67 +230,10 @@ class SerialPusher(ABC):
     def _take_offset(self, status: StatusReport) -> None:
         """Take what a report says of the work offset, if the controller has one."""
 
-    # The state
-
-    def _on(self, event: Event) -> bool:
-        """Do what the table says of an event. False: it says nothing, so the event is refused. Raises NotConnected."""
-        status = {Mode.IDLE: Status.IDLE, Mode.ALARM: Status.ALARM}.get(self._reported, Status.OTHER)
-        following = step(DRIVER, self._state, event, {status, self._role, self._homing})
-        if following is None:
-            return False
-        before, self._state = self._state, following.state
-        if Action.HOLD in following.actions:
-            self.hold(homing=Phase.HOMING in before)
-        if any(isinstance(member, Phase) for member in self._state - before):
-            self._begin()
-        return True
-
-    def _begin(self) -> None:
-        """Begin the script of the phase, if it has one."""
-        if self._script is not None:
-            self._script.close()
-        if Phase.RECOVERING in self._state:
-            self._still = None
-        scripts = {
-            Phase.CONNECTING: self._connecting,
-            Phase.STREAMING: self._streaming,
-            Phase.BRAKING: self._resting,
-            Phase.RESETTING: self._reset,
-            Phase.RECOVERING: self._reset,
-            Phase.HOMING: self._seek_home,
-            Phase.UNLOCKING: self._unlock,
-        }
-        self._script = next((script() for phase, script in scripts.items() if phase in self._state), None)
-        if self._script is None:
-            self._stroke = None
-
-    def _suspect(self, why: str) -> None:
-        """From now on, the position is in doubt."""
-        self._doubt = why
-        self._on(Event.DOUBT)
-
-    @property
-    def _connected(self) -> bool:
-        return self._state.isdisjoint({Phase.CLOSED, Phase.CONNECTING})
-
     @property
     def _reported(self) -> Mode:
         """The mode of the last report."""
         return Mode.DISCONNECTED if self._status is None else STATE_MODES.get(self._status.state, Mode.HOLD)
-
-    @property
-    def mode(self) -> Mode:
-        if not self._connected or self._status is None:
-            return Mode.DISCONNECTED
-        if Phase.HOMING in self._state:
-            return Mode.HOMING
-        if self._reported is Mode.IDLE and self.busy:  # idle means ready for a motion
-            return Mode.RUNNING if Phase.STREAMING in self._state else Mode.HOLD
-        return self._reported
-
-    @property
-    def busy(self) -> bool:
-        return self._script is not None
 
     @property
     def name(self) -> str:
@@ -348,97 +244,43 @@ class SerialPusher(ABC):
         return identity_of(self._path)
 
     @property
-    def doubt(self) -> str | None:
-        return self._doubt if Trust.DOUBTED in self._state else None
-
-    @property
     def dropped(self) -> int:
         return self._damaged + self._plausibility.dropped
 
-    def connect(self) -> None:
-        if self._port is not None:
-            return
+    def _open(self) -> None:
         if not os.path.exists(self._path):
             raise NotConnected(f"no serial port at {self._path}")
-        self._forget()
         try:
             self._port = open_port(self._path, self._baud)
         except OSError as error:
             raise NotConnected(f"cannot open {self._path}: {error}") from error
-        self._on(Event.CONNECT)
 
-    def close(self) -> None:
-        deadline = clock() + CLOSE_TIMEOUT
-        # the port is being left whatever goes wrong, and _drop() sends the stop once more if it is still due
-        with contextlib.suppress(PusherError):
-            if self._in_motion:
-                self.stop()
-            while self._in_motion and clock() < deadline:
-                self.poll()
-                time.sleep(POLL_PERIOD)
-        self._drop()
+    def _leave(self, before: State, in_motion: bool) -> None:
+        port, self._port = self._port, None
+        if port is None:
+            return
+        with contextlib.suppress(OSError):  # the port may be gone already
+            if in_motion:  # a hold cancels a jog; only a reset ends a homing cycle
+                write_all(port, self._last_words(Phase.HOMING in before))
+        port.close()
 
-    def recover(self) -> None:
-        if not self._connected:
-            raise NotConnected(f"no controller is connected at {self._path}")
-        if not self._on(Event.RECOVER):
-            raise NotReady(f"the pusher's mode is {self.mode.value}, expected a pusher at rest")
-
-    def move_to(self, position: float, speed: float) -> None:
-        """See Pusher. Raises ValueError if the speed is not positive."""
-        if not speed > 0:
-            raise ValueError(f"speed must be positive, got {speed}")
-        mode, latency = self.mode, statistics.median(self._latencies or [0.0])
-        if mode is Mode.IDLE and latency > self._silence:
+    def _start(self, position: float, speed: float) -> Stroke:
+        """Raises NotReady if the controller answers too late."""
+        latency = statistics.median(self._latencies or [0.0])
+        if latency > self._silence:
             raise NotReady(f"the controller at {self._path} answers after {latency:.2f} s; silence is {self._silence:g} s")
-        if not self._on(Event.MOVE):
-            if mode is not Mode.IDLE:
-                raise NotReady(f"the pusher's mode is {mode.value}, expected idle")
-            raise NotReady(f"where the pusher stands is not known until it is recovered: {self.doubt}")
         assert self._last is not None
         assert self._status is not None
         self._limits = self._status.pins
         # a longer silence is allowed on a busy machine, to each piece
         ahead, wait = self._ahead * self._factor, max(0.0, self._silence - SerialSettings.silence)
-        acceleration, latency = self.limits.acceleration, latency * self._factor
-        self._stroke = Stroke(self._last.position, position, speed, acceleration, ahead, wait, latency)
-
-    def stop(self) -> None:
-        self._on(Event.STOP)
+        return Stroke(self._last.position, position, speed, self.limits.acceleration, ahead, wait, latency * self._factor)
 
     def ask(self, stamp: int) -> None:
         if self._connected and Phase.HOMING not in self._state:
             self._ask(stamp)
 
-    def poll(self, stamp: int | None = None) -> PusherReport | None:
-        if self._port is None:
-            raise NotConnected(f"{self._path} is not open")
-        self._fresh, self._now_stamp = None, stamp
-        before, self._polled = self._polled, clock()
-        try:
-            self._read()
-            if self._connected:
-                self._awake.check()
-            if Phase.STREAMING in self._state and before is not None and self._polled - before > self._silence:
-                stood = f"{self._polled - before:.2f} s; silence is {self._silence:g} s"
-                raise Timeout(f"this process stood still for {stood}")
-            self._judge()
-            self._step()
-        except NotConnected:
-            self._drop()
-            raise
-        except PusherError as error:
-            if isinstance(error, Halted | Jumped | LeftTheWay | TooFast | Suspended):
-                self._suspect(str(error))
-            if self._connected and STOPPING.isdisjoint(self._state):
-                self.stop()
-                raise
-            lost = NotConnected(f"{self.name}: {error}")
-            self._drop()
-            raise lost from error
-        return self._fresh
-
-    # What poll() does first: bytes, lines, meaning
+    # Bytes, lines, meaning
 
     def _write(self, data: bytes) -> None:
         if self._port is None:
@@ -449,8 +291,10 @@ class SerialPusher(ABC):
             self._drop()
             raise NotConnected(f"lost {self._path}: {error}") from error
 
-    def _read(self) -> None:
-        assert self._port is not None
+    def _hear(self) -> None:
+        if self._port is None:
+            raise NotConnected(f"{self._path} is not open")
+        self._fresh = None
         try:
             self._buffer += self._port.read(LONGEST_LINE)
         except OSError as error:
@@ -518,6 +362,8 @@ class SerialPusher(ABC):
 
     def _others_are_still(self, place: tuple[float, ...]) -> bool:
         """Whether the other axes are where they were; two reports in a row that they are not are the end of any motion."""
+        if Phase.RECOVERING in self._state:  # a person has looked
+            self._still = None
         still = self._still
         if still is None or Phase.HOMING in self._state or self._role is Role.LOOKS:
             return True
@@ -579,46 +425,14 @@ class SerialPusher(ABC):
             return 0.0
         return moved / ((stamp - self._last.stamp) * 1e-9)
 
-    def _judge(self) -> None:
-        """Raise what the lines just read mean for the connection; during a reset, alarms and greetings are expected."""
-        trouble, self._trouble = self._trouble, None
-        if not self._connected or self._state & {Phase.RESETTING, Phase.RECOVERING}:
-            return
-        if trouble is not None and not (Phase.BRAKING in self._state and isinstance(trouble, Halted)):
-            raise trouble
-        if self._state & {Phase.BRAKING, Phase.HOMING} or self._silent_since is None:
-            return
-        silent = clock() - self._silent_since
-        if Phase.STREAMING in self._state and silent > self._silence:
-            what = f"said nothing for {silent:.2f} s in mid-stroke; silence is {self._silence:g} s"
-            raise Timeout(f"the controller at {self._path} {what}")
-        if silent > self._patience:
-            raise NotConnected(
-                f"the controller at {self._path} is silent for {silent:.1f} s, the limit is {self._patience:g} s"
-            )
-
-    def _step(self) -> None:
-        while self._script is not None and next(self._script, FINISHED) is FINISHED:
-            self._on(Event.DONE)
+    def _newest(self) -> PusherReport | None:
+        return self._fresh
 
     @property
-    def _in_motion(self) -> bool:
-        """Whether it may be moving now or later."""
-        rests = self.mode in (Mode.IDLE, Mode.ALARM) and not self.busy
-        return self._role is Role.DRIVES and self._connected and not rests
-
-    def _drop(self) -> None:
-        """Leave the port; tell a pusher that may be moving to stop, although nobody can wait for it any more."""
-        port, in_motion, homing = self._port, self._in_motion, Phase.HOMING in self._state
-        self._forget()
-        self._on(Event.LOST)
-        self._port = None
-        if port is None:
-            return
-        with contextlib.suppress(OSError):  # the port may be gone already
-            if in_motion:  # a hold cancels a jog; only a reset ends a homing cycle
-                write_all(port, self._last_words(homing))
-        port.close()
+    def _silent(self) -> float:
+        if self._silent_since is None or self._state & {Phase.BRAKING, Phase.HOMING}:
+            return 0.0
+        return clock() - self._silent_since
 
     def _ask(self, stamp: int | None) -> None:
         now = clock()
@@ -738,7 +552,7 @@ class SerialPusher(ABC):
                 self._ask(self._now_stamp)
             yield
 
-    def _resting(self) -> Script:
+    def _braking(self) -> Script:
         """Wait for the end of a feed hold: a reset before it costs the position. A stuck controller is reset anyway."""
         braking = self.limits.max_speed / self.limits.acceleration
         deadline = clock() + 1 + (braking if math.isfinite(braking) else 0)

@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
-from time import sleep
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -23,9 +22,10 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Array, Pose, left_of, rotation, transform
 from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.clock import Wakefulness, clock
+from pushfric_core.pushers.clock import clock
+from pushfric_core.pushers.driver import Driver, Script
+from pushfric_core.pushers.driver_states import Phase
 from pushfric_core.pushers.pusher import (
-    POLL_PERIOD,
     LeftTheWay,
     Limits,
     Mode,
@@ -35,11 +35,9 @@ from pushfric_core.pushers.pusher import (
     PusherConfig,
     PusherError,
     PusherReport,
-    Suspended,
-    Timeout,
-    TooFast,
     drive,
 )
+from pushfric_core.pushers.state_table import State
 from pushfric_core.pushers.stroke import OFF_WAY, Stroke
 from pushfric_core.settings import fields_of, setting
 from pushfric_ros.adapters.body import Body, Source
@@ -139,10 +137,8 @@ class Seen(NamedTuple):
     place: Array  # (3,): along the stroke, to its left, and up [m]
 
 
-class Arm:
+class Arm(Driver):
     """A Pusher: the tip of an arm, on a node of its own, which only lives while it is polled."""
-
-    dropped = 0
 
     def __init__(self, config: ArmConfig, stage: PusherConfig, open_command: Callable[[Any], Command]) -> None:
         """Nothing is opened yet.
@@ -152,131 +148,99 @@ class Arm:
             stage: the pushing line.
             open_command: given the node, what moves the arm.
         """
-        self.name = self.place = f"/{config.reference}/{config.frame}"
-        self.doubt: str | None = None
-        self.limits = Limits(max_speed=stage.max_speed, acceleration=config.acceleration)
+        self._max_speed = stage.max_speed
         line, table = pushing_line(stage.line_origin, stage.line_direction, stage.tip_radius), Pose(*config.table)
         along = rotation(table.theta) @ line.direction
         self._axes = np.array(((*along, 0.0), (*left_of(along), 0.0), (0.0, 0.0, 1.0)))
         self._origin = np.array((*transform(table, line.origin), 0.0))
         self._config, self._open_command = config, open_command
         self._visit: Visit[Any] | None = None
+        super().__init__(config.silence, max(config.silence, UNSEEN))
+
+    def _forget(self) -> None:
+        super()._forget()
         self._seen: deque[Seen] = deque()  # within WINDOW
-        self._ahead: deque[float] = deque(maxlen=LATENCIES)  # the clock of the poses is ahead of this one, by each pose [s]
-        self._connecting = False
-        self._stroke: Stroke | None = None
-        self._began = self._height = self._pace = 0.0  # of the stroke: when [s], how high [m], how fast by now [m/s]
-        self._stopping = False
         self._asked = self._fresh = False  # a report is wanted; there is a pose that was not reported
-        self._polled = self._heard = self._sent = self._since = 0.0  # [s]
-        self._awake = Wakefulness()
+        self._heard, self._sent = clock(), 0.0  # [s]
 
     # What the actuator asks
 
     @property
-    def busy(self) -> bool:
-        return self._connecting or self._stroke is not None or self._stopping
+    def name(self) -> str:
+        return f"/{self._config.reference}/{self._config.frame}"
 
     @property
-    def mode(self) -> Mode:
-        if self._connecting or not self._seen:
+    def place(self) -> str:
+        return f"{self.name}{self._command.topic}@{os.environ.get('ROS_DOMAIN_ID', 0)}"
+
+    @property
+    def dropped(self) -> int:
+        return 0
+
+    @property
+    def limits(self) -> Limits:
+        return Limits(max_speed=self._max_speed, acceleration=self._config.acceleration)
+
+    @property
+    def _reported(self) -> Mode:
+        if not self._seen:
             return Mode.DISCONNECTED
-        return Mode.RUNNING if self.busy or self._moves else Mode.IDLE
+        return Mode.RUNNING if self._moves else Mode.IDLE
 
     @property
     def beside(self) -> float:
         """How far the tip is off the pushing line, sideways [m]."""
         return abs(float(self._seen[-1].place[1]))
 
-    def connect(self) -> None:
-        if self._visit is None:
-            self._visit = visit(f"pushfric_arm_{id(self):x}")
-            node, source = self._visit.node, self._config.open_source()
-            self._command = self._open_command(node)
-            self.place = f"{self.name}{self._command.topic}@{os.environ.get('ROS_DOMAIN_ID', 0)}"
-            self._take = taken(node, source)
-        self._drain()  # what waited is old
-        self._drop()
-        self._ahead.clear()
-        self._connecting, self.doubt = True, None
-        self._polled = self._heard = self._since = clock()
-        self._awake = Wakefulness()
-
     def close(self) -> None:
-        if self._visit is None:
-            return
-        self.stop()
-        until = clock() + CONNECT
-        while self._stopping and clock() < until:
-            try:
-                self.poll()
-            except PusherError:
-                break  # the arm's own dead-man ends the motion
-            sleep(POLL_PERIOD)
-        self._drop()
-        self._visit.close()
-        self._visit = None
+        super().close()
+        if self._visit is not None:
+            self._visit.close()
+            self._visit = None
 
     def recover(self) -> None:
         """An arm that rests on its line is where its pose says; a person has looked."""
-        self._check_ready()
-        self.doubt = None
-
-    def move_to(self, position: float, speed: float) -> None:
-        self._check_ready()
-        if self.doubt is not None:
-            raise NotReady(f"the arm may not move: {self.doubt}")
-        here = self._seen[-1].place
-        self._stroke = Stroke(float(here[0]), position, min(speed, self.limits.max_speed), self.limits.acceleration, DEAD_MAN)
-        self._began = self._polled = clock()
-        self._height, self._pace = float(here[2]), 0.0
-
-    def stop(self) -> None:
-        if self._seen and (self._stroke is not None or self._moves):
-            self._stroke, self._stopping = None, True
-            self._send(np.zeros(3))
+        self._check_line()
+        super().recover()
 
     def ask(self, stamp: int) -> None:
         self._asked = True
 
-    def poll(self, stamp: int | None = None) -> PusherReport | None:
-        """See Pusher. A report carries the stamp of the pose, not the one given: that is when the tip was there."""
-        now, before = clock(), self._polled
-        self._polled = now
-        try:
-            self._judge(now, now - before, came=self._hear(now))
-        except NotConnected:
-            self._drop()
-            raise
-        except PusherError as error:
-            if isinstance(error, LeftTheWay | TooFast | Suspended):
-                self.doubt = str(error)
-            self.stop()
-            raise
-        self._steer(now)
-        if not (self._asked and self._fresh) or self._connecting:
-            return None
-        self._asked = self._fresh = False
-        speed = self._speed if self._moves else 0.0
-        return PusherReport(float(self._seen[-1].place[0]), speed, self.mode, self._seen[-1].stamp)
+    def _open(self) -> None:
+        if self._visit is None:
+            self._visit = visit(f"pushfric_arm_{id(self):x}")
+            node, source = self._visit.node, self._config.open_source()
+            self._command = self._open_command(node)
+            self._take = taken(node, source)
+        self._drain()  # what waited is old
+        self._ahead: deque[float] = deque(maxlen=LATENCIES)  # the clock of the poses is ahead of this one, by each pose [s]
+
+    def _leave(self, before: State, in_motion: bool) -> None:
+        if before & {Phase.STREAMING, Phase.BRAKING}:
+            self._send(np.zeros(3))  # a last word, then its own dead-man
+
+    def _start(self, position: float, speed: float) -> Stroke:
+        """Raises NotReady if the tip is beside its line."""
+        self._check_line()
+        here = float(self._seen[-1].place[0])
+        return Stroke(here, position, min(speed, self._max_speed), self._config.acceleration, DEAD_MAN)
 
     # Where the tip is
 
-    def _hear(self, now: float) -> bool:
-        """Take all poses that have come; whether there was a newer one."""
-        came = False
+    def _hear(self) -> None:
+        """Take all poses that have come."""
+        now = clock()
+        if self._gap > self._silence:
+            self._heard = now  # what was sent meanwhile is still on its way
         for body in self._drain():
             self._ahead.append(1e-9 * body.stamp - now)
             stamp = self._config.stamp(body)
             if self._seen and stamp <= self._seen[-1].stamp:
                 continue
             self._seen.append(Seen(stamp, self._axes @ (self._config.place(body) - self._origin)))
-            came = True
+            self._heard, self._fresh = now, True
         while len(self._seen) > 2 and self._seen[-1].stamp - self._seen[1].stamp > 1e9 * WINDOW:
             self._seen.popleft()
-        if came:
-            self._heard, self._fresh = now, True
-        return came
 
     def _drain(self) -> list[Body]:
         """Raises PusherError if what came cannot be a pose."""
@@ -284,6 +248,18 @@ class Arm:
             return list(self._take())
         except ValueError as error:
             raise NotConnected(f"no pose of the arm: {error}") from error
+
+    def _newest(self) -> PusherReport | None:
+        """See Driver. It carries the stamp of the pose, not the one given: that is when the tip was there."""
+        if not (self._asked and self._fresh and self._connected):
+            return None
+        self._asked = self._fresh = False
+        speed = self._speed if self._moves else 0.0
+        return PusherReport(float(self._seen[-1].place[0]), speed, self.mode, self._seen[-1].stamp)
+
+    @property
+    def _silent(self) -> float:
+        return clock() - self._heard
 
     @property
     def _lasted(self) -> float:
@@ -299,76 +275,82 @@ class Arm:
     def _moves(self) -> bool:
         return float(np.linalg.norm(self._seen[-1].place - self._seen[0].place)) > STILL * self._lasted
 
-    def _check_ready(self) -> None:
+    def _check_line(self) -> None:
         """Raises NotReady unless the tip rests on its line."""
-        if self.mode is not Mode.IDLE:
-            raise NotReady(f"the arm is {self.mode.value}, expected idle")
-        if self.beside > OFF_WAY:
+        if self._seen and self.beside > OFF_WAY:
             raise NotReady(f"the tip is {1e3 * self.beside:.1f} mm beside its line, expected 2 mm at most")
-
-    def _judge(self, now: float, gap: float, came: bool) -> None:
-        """Raise what is wrong."""
-        if self._connecting:
-            lacks = self._command.lacks or ("" if self._seen and self._lasted >= WINDOW else f"no pose of {self.name}")
-            if not lacks:
-                self._connecting, self._asked = False, True
-                if self._moves:
-                    self.doubt = "the arm moved when it was found"
-            elif now - self._since > CONNECT:
-                raise NotConnected(f"{lacks}; expected within {CONNECT:g} s")
-            return
-        if gap > self._config.silence:
-            self._heard = now  # what was sent meanwhile is still on its way
-        self._awake.check()
-        if self._stroke is not None and gap > self._config.silence:
-            raise Timeout(f"this process stood still for {gap:.2f} s")
-        if (unseen := now - self._heard) > (self._config.silence if self._stroke else max(self._config.silence, UNSEEN)):
-            said = f"no pose of {self.name} for {unseen:.2f} s"
-            raise Timeout(said) if self._stroke else NotConnected(said)
-        if self._stroke is None:
-            return
-        self._stroke.check_time(now - self._began)
-        if came:
-            along, aside, up = self._seen[-1].place
-            if (off := math.hypot(aside, up - self._height)) > OFF_WAY:
-                raise LeftTheWay(f"the tip is {1e3 * off:.1f} mm beside its line")
-            while self._stroke.next_piece(along) is not None:
-                pass
-            self._stroke.check(along, self._speed)
 
     # How it moves
 
-    def _steer(self, now: float) -> None:
-        """Send the next command, if it is due: one for each pose, so that an arm which stood still has nothing to catch up."""
-        if not (self._stroke or self._stopping) or now - self._sent < 1 / self._config.rate or self._heard < self._sent:
-            return
-        velocity = np.zeros(3) if self._stroke is None else self._velocity(self._stroke, now)
-        if self._stroke is None and not self._moves:
-            self._stopping, self._asked = False, True
-        self._send(velocity)
+    def hold(self, homing: bool = False) -> None:
+        if self._stroke is not None or self._moves:
+            self._send(np.zeros(3))
 
-    def _velocity(self, stroke: Stroke, now: float) -> Array:
-        """(3,) along the stroke, to its left, and up [m/s]; 0 if the tip has arrived."""
-        along, aside, up = self._seen[-1].place
-        left = stroke.target - along
-        if abs(left) < ARRIVED:
-            self._stroke, self._stopping = None, True
-            return np.zeros(3)
-        since = now - self._sent
-        gained = self.limits.acceleration * min(since, 2 / self._config.rate)
-        before = self._pace if since < DEAD_MAN else 0.0  # it has stopped meanwhile
-        self._pace = min(stroke.speed, GAIN * abs(left), math.sqrt(2 * self.limits.acceleration * abs(left)), before + gained)
-        most = MOST_ASIDE * stroke.speed
-        across = np.clip((-GAIN * aside, GAIN * (self._height - up)), -most, most)
-        return np.array((math.copysign(self._pace, left), *across))
+    def _connecting(self) -> Script:
+        began = clock()
+        while lacks := self._command.lacks or ("" if self._seen and self._lasted >= WINDOW else f"no pose of {self.name}"):
+            if clock() - began > CONNECT:
+                raise NotConnected(f"{lacks}; expected within {CONNECT:g} s")
+            yield
+        self._asked = True
+        if self._moves:
+            self._suspect("the arm moved when it was found")
+
+    def _streaming(self) -> Script:
+        """Send a command for each pose, so that an arm which stood still has nothing to catch up."""
+        assert self._stroke is not None
+        stroke, acceleration, height = self._stroke, self._config.acceleration, self._seen[-1].place[2]
+        began, judged, pace = clock(), self._heard, 0.0
+        while True:
+            now, (along, aside, up) = clock(), self._seen[-1].place
+            stroke.check_time(now - began)
+            if self._heard > judged:
+                judged = self._heard
+                if (off := math.hypot(aside, up - height)) > OFF_WAY:
+                    raise LeftTheWay(f"the tip is {1e3 * off:.1f} mm beside its line")
+                while stroke.next_piece(along) is not None:
+                    pass
+                stroke.check(along, self._speed)
+            if self._is_due:
+                left = stroke.target - along
+                if abs(left) < ARRIVED:
+                    break
+                since = now - self._sent
+                gained = acceleration * min(since, 2 / self._config.rate)
+                before = pace if since < DEAD_MAN else 0.0  # it has stopped meanwhile
+                pace = min(stroke.speed, GAIN * abs(left), math.sqrt(2 * acceleration * abs(left)), before + gained)
+                most = MOST_ASIDE * stroke.speed
+                across = np.clip((-GAIN * aside, GAIN * (height - up)), -most, most)
+                self._send(np.array((math.copysign(pace, left), *across)))
+            yield
+        yield from self._braking()
+
+    def _braking(self) -> Script:
+        """Send 0 for each pose until the arm rests."""
+        while True:
+            if self._is_due:
+                self._send(np.zeros(3))
+                if not self._moves:
+                    self._asked = True
+                    return
+            yield
+
+    def _reset(self) -> Script:
+        """What was sent is over by itself."""
+        yield from ()
+
+    def _seek_home(self) -> Script:
+        raise NotImplementedError("an arm knows where it stands")
+
+    def _unlock(self) -> Script:
+        """A person has looked."""
+        yield from ()
+
+    @property
+    def _is_due(self) -> bool:
+        """Whether the next command is due: at most one for each pose."""
+        return clock() - self._sent >= 1 / self._config.rate and self._heard >= self._sent
 
     def _send(self, velocity: Array) -> None:
         self._sent = clock()
         self._command.send(self._axes.T @ velocity, round(1e9 * (self._sent + max(self._ahead))))
-
-    def _drop(self) -> None:
-        """The arm is no longer seen: a last word, then its own dead-man."""
-        if self._seen and self._stroke is not None:
-            self._send(np.zeros(3))
-        self._seen.clear()
-        self._stroke, self._stopping, self._connecting, self._fresh = None, False, False, False

@@ -1,0 +1,306 @@
+"""The common part of all drivers of pushers: it runs the table of states, whatever line leads to the pusher.
+
+Nothing here blocks, and there is no thread. The owner calls `poll()` a hundred times a second or more; it reads what has
+arrived and takes the next step of what is under way. `ask()` requests a report. Waits are measured in real time.
+
+`driver_states.DRIVER` is the table: each phase is a script, and what happens decides which one comes next. If anything goes
+wrong, `poll()` first tells the pusher to stop and then raises the error. Connecting, for the first time or again, never moves
+the pusher and never ends an alarm: both wait for `recover()`.
+"""
+
+import contextlib
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Generator
+
+from pushfric_core.pushers.clock import Wakefulness, clock
+from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, STOPPING, Action, Event, Phase, Role, Status, Trust
+from pushfric_core.pushers.push_states import Homing
+from pushfric_core.pushers.pusher import (
+    POLL_PERIOD,
+    Halted,
+    Jumped,
+    LeftTheWay,
+    Limits,
+    Mode,
+    NotConnected,
+    NotReady,
+    PusherError,
+    PusherReport,
+    Suspended,
+    Timeout,
+    TooFast,
+)
+from pushfric_core.pushers.state_table import State, step
+from pushfric_core.pushers.stroke import Stroke
+
+Script = Generator[None, None, None]
+"""A sequence of commands and answers; poll() takes it a step further."""
+FINISHED = object()
+CLOSE_TIMEOUT = 2.0  # [s]
+
+
+class Driver(ABC):
+    """A Pusher, except for what depends on the line that leads to it."""
+
+    def __init__(self, silence: float, patience: float, homing: Homing = Homing.UNLOCKS, role: Role = Role.DRIVES) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            silence: a pusher of which nothing is heard for this long in a stroke is stopped [s].
+            patience: one of which nothing is heard for this long at rest is lost [s].
+            homing: the way to recover.
+            role: whether it may move, hold or reset the pusher.
+        """
+        self._silence, self._patience, self._homing, self._role = silence, patience, homing, role
+        self._state = AT_FIRST
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget all about the pusher: nothing is known of it until it has been heard."""
+        self._script: Script | None = None  # of the phase
+        self._stroke: Stroke | None = None  # until its end, or the end of the stop that broke it off
+        self._doubt = ""  # why the position is in doubt, if it is
+        self._polled: float | None = None  # when poll() was last called
+        self._gap = 0.0  # between the last two calls [s]
+        self._now_stamp: int | None = None
+        self._awake = Wakefulness()
+        self._trouble: PusherError | None = None
+
+    # What differs between lines
+
+    @property
+    @abstractmethod
+    def name(self) -> str: ...
+
+    @property
+    @abstractmethod
+    def place(self) -> str: ...
+
+    @property
+    @abstractmethod
+    def dropped(self) -> int: ...
+
+    @property
+    @abstractmethod
+    def limits(self) -> Limits: ...
+
+    @abstractmethod
+    def ask(self, stamp: int) -> None: ...
+
+    @property
+    @abstractmethod
+    def _reported(self) -> Mode:
+        """The mode of the last report; DISCONNECTED without one."""
+
+    @property
+    @abstractmethod
+    def _silent(self) -> float:
+        """For how long nothing has been heard, although something should have been [s]."""
+
+    @abstractmethod
+    def _open(self) -> None:
+        """Open the line. Raises NotConnected."""
+
+    @abstractmethod
+    def _leave(self, before: State, in_motion: bool) -> None:
+        """Leave the line, with last words to a pusher that may be in motion; `before` is the state until now."""
+
+    @abstractmethod
+    def hold(self, homing: bool = False) -> None:
+        """Have the pusher stop at once, and keep its position unless it is homing. Raises NotConnected."""
+
+    @abstractmethod
+    def _start(self, position: float, speed: float) -> Stroke:
+        """The stroke from here to a position [m] at a speed [m/s]."""
+
+    @abstractmethod
+    def _hear(self) -> None:
+        """Take all that has arrived. Raises PusherError."""
+
+    @abstractmethod
+    def _newest(self) -> PusherReport | None:
+        """The report that poll() returns."""
+
+    @abstractmethod
+    def _connecting(self) -> Script:
+        """Find out who answers, bring it to rest, and learn its limits and its position; move nothing."""
+
+    @abstractmethod
+    def _streaming(self) -> Script:
+        """Send the stroke, as there is room for it, until the pusher rests at its end."""
+
+    @abstractmethod
+    def _braking(self) -> Script:
+        """Wait until the pusher rests."""
+
+    @abstractmethod
+    def _reset(self) -> Script:
+        """Discard all that has been sent. Raises Timeout if the pusher is not heard afterwards."""
+
+    @abstractmethod
+    def _seek_home(self) -> Script:
+        """Move to the home switch."""
+
+    @abstractmethod
+    def _unlock(self) -> Script:
+        """End an alarm."""
+
+    # The state
+
+    def _on(self, event: Event) -> bool:
+        """Do what the table says of an event. False: it says nothing, so the event is refused. Raises NotConnected."""
+        status = {Mode.IDLE: Status.IDLE, Mode.ALARM: Status.ALARM}.get(self._reported, Status.OTHER)
+        following = step(DRIVER, self._state, event, {status, self._role, self._homing})
+        if following is None:
+            return False
+        before, self._state = self._state, following.state
+        if Action.HOLD in following.actions:
+            self.hold(homing=Phase.HOMING in before)
+        if any(isinstance(member, Phase) for member in self._state - before):
+            self._begin()
+        return True
+
+    def _begin(self) -> None:
+        """Begin the script of the phase, if it has one."""
+        if self._script is not None:
+            self._script.close()
+        scripts = {
+            Phase.CONNECTING: self._connecting,
+            Phase.STREAMING: self._streaming,
+            Phase.BRAKING: self._braking,
+            Phase.RESETTING: self._reset,
+            Phase.RECOVERING: self._reset,
+            Phase.HOMING: self._seek_home,
+            Phase.UNLOCKING: self._unlock,
+        }
+        self._script = next((script() for phase, script in scripts.items() if phase in self._state), None)
+        if self._script is None:
+            self._stroke = None
+
+    def _suspect(self, why: str) -> None:
+        """From now on, the position is in doubt."""
+        self._doubt = why
+        self._on(Event.DOUBT)
+
+    @property
+    def _connected(self) -> bool:
+        return self._state.isdisjoint({Phase.CLOSED, Phase.CONNECTING})
+
+    @property
+    def mode(self) -> Mode:
+        """See Pusher; idle means ready for a motion."""
+        if not self._connected or self._reported is Mode.DISCONNECTED:
+            return Mode.DISCONNECTED
+        if Phase.HOMING in self._state:
+            return Mode.HOMING
+        if self._reported is Mode.IDLE and self.busy:
+            return Mode.RUNNING if Phase.STREAMING in self._state else Mode.HOLD
+        return self._reported
+
+    @property
+    def busy(self) -> bool:
+        """See Pusher."""
+        return self._script is not None
+
+    @property
+    def doubt(self) -> str | None:
+        """See Pusher."""
+        return self._doubt if Trust.DOUBTED in self._state else None
+
+    # What the actuator asks
+
+    def connect(self) -> None:
+        """See Pusher."""
+        if Phase.CLOSED in self._state:
+            self._forget()
+            self._open()
+            self._on(Event.CONNECT)
+
+    def close(self) -> None:
+        """See Pusher."""
+        deadline = clock() + CLOSE_TIMEOUT
+        # the line is being left whatever goes wrong, and _drop() sends the stop once more if it is still due
+        with contextlib.suppress(PusherError):
+            if self._in_motion:
+                self.stop()
+            while self._in_motion and clock() < deadline:
+                self.poll()
+                time.sleep(POLL_PERIOD)
+        self._drop()
+
+    def recover(self) -> None:
+        """See Pusher."""
+        if not self._connected:
+            raise NotConnected(f"the pusher is not connected: {self.name}")
+        if not self._on(Event.RECOVER):
+            raise NotReady(f"the pusher's mode is {self.mode.value}, expected a pusher at rest")
+
+    def move_to(self, position: float, speed: float) -> None:
+        """See Pusher. Raises ValueError if the speed is not positive."""
+        if not speed > 0:
+            raise ValueError(f"speed must be positive, got {speed}")
+        mode = self.mode
+        stroke = self._start(position, speed) if mode is Mode.IDLE else None
+        if stroke is None or not self._on(Event.MOVE):
+            if mode is not Mode.IDLE:
+                raise NotReady(f"the pusher's mode is {mode.value}, expected idle")
+            raise NotReady(f"where the pusher stands is not known until it is recovered: {self.doubt}")
+        self._stroke = stroke
+
+    def stop(self) -> None:
+        """See Pusher."""
+        self._on(Event.STOP)
+
+    def poll(self, stamp: int | None = None) -> PusherReport | None:
+        """See Pusher."""
+        before, self._polled, self._now_stamp = self._polled, clock(), stamp
+        self._gap = 0.0 if before is None else self._polled - before
+        try:
+            self._hear()
+            if self._connected:
+                self._awake.check()
+            if Phase.STREAMING in self._state and self._gap > self._silence:
+                raise Timeout(f"this process stood still for {self._gap:.2f} s; silence is {self._silence:g} s")
+            self._judge()
+            while self._script is not None and next(self._script, FINISHED) is FINISHED:
+                self._on(Event.DONE)
+        except NotConnected:
+            self._drop()
+            raise
+        except PusherError as error:
+            if isinstance(error, Halted | Jumped | LeftTheWay | TooFast | Suspended):
+                self._suspect(str(error))
+            if self._connected and STOPPING.isdisjoint(self._state):
+                self.stop()
+                raise
+            lost = NotConnected(f"{self.name}: {error}")
+            self._drop()
+            raise lost from error
+        return self._newest()
+
+    def _judge(self) -> None:
+        """Raise what was heard means for the connection; during a reset, alarms and silence are expected."""
+        trouble, self._trouble = self._trouble, None
+        if not self._connected or self._state & {Phase.RESETTING, Phase.RECOVERING}:
+            return
+        if trouble is not None and not (Phase.BRAKING in self._state and isinstance(trouble, Halted)):
+            raise trouble
+        silent = self._silent
+        if Phase.STREAMING in self._state and silent > self._silence:
+            raise Timeout(f"no report of {self.name} for {silent:.2f} s in mid-stroke; silence is {self._silence:g} s")
+        if silent > self._patience:
+            raise NotConnected(f"no report of {self.name} for {silent:.1f} s, the limit is {self._patience:g} s")
+
+    @property
+    def _in_motion(self) -> bool:
+        """Whether it may be moving now or later."""
+        rests = self.mode in (Mode.IDLE, Mode.ALARM) and not self.busy
+        return self._role is Role.DRIVES and self._connected and not rests
+
+    def _drop(self) -> None:
+        """Leave the line; tell a pusher that may be moving to stop, although nobody can wait for it any more."""
+        before, in_motion = self._state, self._in_motion
+        self._forget()
+        self._on(Event.LOST)
+        self._leave(before, in_motion)
