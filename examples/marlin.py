@@ -24,12 +24,14 @@ import re
 from collections import deque
 from dataclasses import dataclass
 
+from pushfric_core.pushers.axis_reports import MM, MM_PER_MINUTE, StatusReport, moves
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.driver import Script
 from pushfric_core.pushers.driver_states import Phase, Role
 from pushfric_core.pushers.pusher import Halted, Limits, NotConnected, NotReady, Timeout
 from pushfric_core.pushers.serial_config import SerialConfig
-from pushfric_core.pushers.serial_pusher import MM, MM_PER_MINUTE, Refused, SerialPusher, StatusReport, moves
+from pushfric_core.pushers.serial_line import Refused
+from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.stroke import Plausibility
 
 QUESTION, STOP, KILL = "M114 R", "M410", "M112"
@@ -75,7 +77,7 @@ class Marlin(SerialPusher):
 
     @property
     def limits(self) -> Limits:
-        feed, acceleration = self._setting("M203", self._letter), self._setting("M201", self._letter)
+        feed, acceleration = self._setting("M203", self._axis.letter), self._setting("M201", self._axis.letter)
         return Limits(max_speed=feed * MM, acceleration=min(acceleration, self._setting("M204", "T")) * MM)
 
     def _setting(self, line: str, letter: str) -> float:
@@ -83,7 +85,7 @@ class Marlin(SerialPusher):
 
     @property
     def _resolution(self) -> float:
-        return max(0.02, 1 / self._setting("M92", self._letter)) * MM
+        return max(0.02, 1 / self._setting("M92", self._axis.letter)) * MM
 
     # What is sent
 
@@ -100,25 +102,25 @@ class Marlin(SerialPusher):
     def _send(self, line: str) -> None:
         """Send a line that asks or stops, and so needs no protection."""
         self._unanswered.append(line)
-        self._write(line.encode() + b"\n")
+        self._line.write(line.encode() + b"\n")
 
     def _send_line(self, line: str) -> None:
-        self._pending, self._answer, self._sent_at = line, None, clock()
         if self._role is Role.LOOKS:
-            self._send(line)
+            self._unanswered.append(line)
+            self._line.send(line, line.encode() + b"\n")
             return
         self._number += 1
         numbered = f"N{self._number} {line}".encode()
         self._unanswered.append(line)
-        self._write(b"%b*%d\n" % (numbered, functools.reduce(operator.xor, numbered)))
+        self._line.send(line, b"%b*%d\n" % (numbered, functools.reduce(operator.xor, numbered)))
 
     @property
     def _homing_line(self) -> str:
-        return f"G28 {self._letter}"
+        return f"G28 {self._axis.letter}"
 
     def _piece(self, position: float, speed: float) -> str:
-        target = round(self._zero + self._sign * position / MM, 3) + 0.0  # 0.0 turns -0.0 into 0.0
-        return f"G1 {self._letter}{target:.3f} F{speed / MM_PER_MINUTE:.3f}"
+        target = round(self._axis.zero + self._axis.sign * position / MM, 3) + 0.0  # 0.0 turns -0.0 into 0.0
+        return f"G1 {self._axis.letter}{target:.3f} F{speed / MM_PER_MINUTE:.3f}"
 
     # What it says
 
@@ -134,28 +136,28 @@ class Marlin(SerialPusher):
             self._version = firmware[1]
         elif (resend := RESEND.match(line)) is not None:
             self._number = int(resend[1]) - 1
-            if self._pending is not None:  # the `ok` that follows is that of the line that it refused
-                self._pending, self._answer = None, Damaged(f'"{self._pending}" came damaged')
+            if (line := self._line.pending) is not None:  # the `ok` that follows is that of the line that it refused
+                self._line.answered(Damaged(f'"{line}" came damaged'))
         elif line == "start":
-            self._trouble = NotConnected(f"the controller at {self._path} restarted")
+            self._trouble = NotConnected(f"the controller at {self._line.path} restarted")
         elif line.startswith("Error:") and "halted" in line:
-            self._status = StatusReport("Alarm")
-            self._trouble = self._trouble or self._halted()
-        elif (setting := SETTING.match(line)) is not None and self._pending == "M503":
+            self._axis.status = StatusReport("Alarm")
+            self._blame(self._halted())
+        elif (setting := SETTING.match(line)) is not None and self._line.pending == "M503":
             self._settings.update({f"{setting[1]} {letter}": value for letter, value in WORD.findall(setting[2])})
 
     def _answered(self, answer: str) -> None:
         """The oldest line has been carried out, or planned."""
-        if self._unanswered.popleft() == self._pending:
-            self._pending, self._answer = None, answer
+        if self._unanswered.popleft() == self._line.pending:
+            self._line.answered(answer)
 
     def _take_position(self, place: tuple[float, ...]) -> None:
         while self._unanswered and self._unanswered[0] != QUESTION:  # lines are answered in their order
             self._answered("ok")
-        believed = self._believed
-        self._take_status(StatusReport("Idle" if self._place in (None, place) else "Run", work_position=place))
-        if self._believed > believed and self._last is not None:
-            self._check_real(self._last.position)
+        believed = self._axis.believed
+        self._take_status(StatusReport("Idle" if self._axis.place in (None, place) else "Run", work_position=place))
+        if self._axis.believed > believed and self._axis.last is not None:
+            self._check_real(self._axis.last.position)
 
     def _check_real(self, position: float) -> None:
         """See that a report tells where the pusher is, not where it is going."""
@@ -165,9 +167,8 @@ class Marlin(SerialPusher):
         gone, elapsed = abs(position - stroke.start), clock() - self._began
         if gone > Plausibility.MARGIN * stroke.speed * elapsed + Plausibility.SLACK:
             why = "its firmware needs M114_REALTIME, or the pusher was moved"
-            self._trouble = self._trouble or NotReady(
-                f"{self.name} reports {gone / MM:.1f} mm after {elapsed:.2f} s of a stroke at {stroke.speed / MM:g} mm/s: {why}"
-            )
+            went = f"{gone / MM:.1f} mm after {elapsed:.2f} s of a stroke at {stroke.speed / MM:g} mm/s"
+            self._blame(NotReady(f"{self.name} reports {went}: {why}"))
 
     def _halted(self) -> Halted:
         return Halted("Marlin was halted: switch the controller off and on")
@@ -179,7 +180,7 @@ class Marlin(SerialPusher):
             self._track.clear()
         while self._track and now - self._track[0][1] > MEASURED_OVER:
             self._track.popleft()
-        self._track.append((self._asked_last if self._silent_since is None else self._silent_since, now, position))
+        self._track.append((self._line.report_since, now, position))
         asked, _, before = self._track[0]
         return (position - before) / (now - asked) if moving and now > asked else 0.0
 
@@ -193,29 +194,29 @@ class Marlin(SerialPusher):
             yield from self._reset()
         yield from self._ask_for_settings("M503")
         for line in ("M92", "M201", "M203"):
-            if not 0 < (value := self._setting(line, self._letter)) < math.inf:
-                raise NotConnected(f"{self.name} is set to {line} {self._letter}{value:g}, expected a positive number")
+            if not 0 < (value := self._setting(line, self._axis.letter)) < math.inf:
+                raise NotConnected(f"{self.name} is set to {line} {self._axis.letter}{value:g}, expected a positive number")
         while clock() < found + BEGINS_WITHIN:
             yield
         yield from self._come_to_rest()
         yield from self._find_place()
 
     def _ask_who(self) -> Script:
-        deadline, again = clock() + self._greeting_timeout, 0.0
+        deadline, again = clock() + self._serial.connect_timeout, 0.0
         while not self._version:
             if clock() > deadline:
                 halted = "; if it was halted (M112), switch it off and on"
-                raise NotConnected(f"no Marlin controller answers at {self._path}, {self._baud} baud{halted}")
+                raise NotConnected(f"no Marlin controller answers at {self._line.path}, {self._serial.baud} baud{halted}")
             if clock() > again:
                 again = clock() + ASK_WHO_EVERY
-                self._write(b"\n")  # ends what the line may have brought before
+                self._line.write(b"\n")  # ends what the line may have brought before
                 self._send(WHO)
             yield
         self._trouble = None  # that it started is no news
 
     def _reset(self) -> Script:
         # what is not answered yet still will be, before what follows: its answer must not count as another line's
-        self._pending = self._asked = self._silent_since = None
+        self._line.discard()
         self._number = -1
         yield from self._command("M110 N0")
         yield from self._report()
@@ -230,21 +231,12 @@ class Marlin(SerialPusher):
                 raise Timeout(f"{self.name} still moves {REST_WITHIN:g} s after it was told to stop, and was killed (M112)")
             status = yield from self._report()
 
-    def _unlock(self) -> Script:
-        yield from self._find_place()
-
     def _streaming(self) -> Script:
         self._began = None
         for line in MODES:
             yield from self._command(line)
         self._began = clock()
         yield from super()._streaming()
-
-    def _take_offset(self, status: StatusReport) -> None:
-        """Positions are those of the work already."""
-
-    def _ensure_full_feed(self) -> None:
-        """The line in MODES has done it."""
 
 
 @dataclass(frozen=True)

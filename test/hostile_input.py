@@ -61,6 +61,7 @@ from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import parse_status
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import PusherError
+from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.report.report import to_json
 from pushfric_core.vision.camera import Camera, Lens, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
@@ -262,7 +263,7 @@ def _converse(data: bytes, _: pathlib.Path) -> None:
     ours, theirs = pty.openpty()
     try:
         tty.setraw(theirs)
-        driver = Grbl(os.ttyname(theirs), only_look=True)
+        driver = Grbl(SerialSettings(os.ttyname(theirs)), only_look=True)
         driver.connect()
         try:
             for begin in range(0, min(len(data), LONGEST_CONVERSATION), 40):

@@ -10,6 +10,7 @@ import pytest
 
 from pushfric_core.pushers.pusher import Mode, NotConnected, PusherError
 from pushfric_core.pushers.serial_pusher import SerialPusher
+from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.simulated.faulty_line import FaultyLine
 
 SPEED, ACCELERATION = 0.02, 0.5
@@ -29,9 +30,9 @@ class LineStage:
     def __init__(self, controller: Any, line: FaultyLine) -> None:
         self.controller, self.line = controller, line
 
-    def driver(self, **options: Any) -> Any:
+    def driver(self, home: bool = False, only_look: bool = False, **settings: Any) -> Any:
         """A driver that is connected and ready."""
-        pusher = self.driver_class(self.line.port, **self.patience | options)
+        pusher = self.driver_class(SerialSettings(self.line.port, **self.patience | settings), home, only_look)
         pusher.connect()
         self.drive(pusher, lambda: not pusher.busy)
         return pusher

@@ -92,7 +92,7 @@ print(ContourTracker(camera, outline, 0.0).track(image).pose)
 
 SERIAL = """
 import os, pty
-from pushfric_core.pushers.serial_port import open_port, write_all
+from pushfric_core.pushers.serial_line import open_port, write_all
 controller, line = pty.openpty()
 port = open_port(os.ttyname(line), 115200)
 write_all(port, b"?")

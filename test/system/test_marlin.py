@@ -16,6 +16,7 @@ from pushfric_core.pushers.pusher import (
     NotConnected,
     NotReady,
 )
+from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.simulated.faulty_line import FaultyLine, once
 
 FAR = 0.05
@@ -28,7 +29,7 @@ class Stage(LineStage):
     """A Marlin controller on a line that can fail; the stage hears what is sent."""
 
     driver_class = Marlin
-    patience: ClassVar = {"silence": 10.0, "greeting_timeout": 20.0}
+    patience: ClassVar = {"silence": 10.0, "connect_timeout": 20.0}
 
     def __init__(self, controller: SimulatedMarlin, line: FaultyLine) -> None:
         super().__init__(controller, line)
@@ -74,7 +75,7 @@ def test_a_stop_is_immediate_and_keeps_the_position(stage: Stage) -> None:
         rest = stage.controller.position()
         assert rest - begin <= LATE
         assert pusher.doubt is None
-        assert pusher._last.position == pytest.approx(rest, abs=ROUNDED)
+        assert pusher._axis.last.position == pytest.approx(rest, abs=ROUNDED)
         stage.push(pusher)
         assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
 
@@ -100,11 +101,11 @@ def test_a_firmware_that_reports_planned_positions_is_refused_at_once(monkeypatc
 
 
 def test_a_halted_firmware_says_so(stage: Stage) -> None:
-    with contextlib.closing(stage.driver(greeting_timeout=1.0)) as pusher:
+    with contextlib.closing(stage.driver(connect_timeout=1.0)) as pusher:
         stage.under_way(pusher)
         stage.controller.kill("Heating Failed, system stopped! Heater_ID: 0")
         stage.fails(pusher, Halted, "switch the controller off and on")
-    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=0.5)) as pusher:
+    with contextlib.closing(Marlin(SerialSettings(stage.line.port, connect_timeout=0.5))) as pusher:
         pusher.connect()
         stage.fails(pusher, NotConnected, "no Marlin controller answers .*; if it was halted")
 
@@ -131,7 +132,7 @@ def test_it_homes(stage: Stage) -> None:
         stage.drive(pusher, lambda: not pusher.busy)
         assert b" G28 X*" in stage.sent
         assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
-        assert pusher._last.position == 0.0
+        assert pusher._axis.last.position == 0.0
 
 
 def test_a_stop_while_it_homes_halts_the_firmware(stage: Stage) -> None:
@@ -140,6 +141,6 @@ def test_a_stop_while_it_homes_halts_the_firmware(stage: Stage) -> None:
         pusher.recover()
         stage.drive(pusher, lambda: stage.controller.position() < 0.04)
     assert 0 < stage.rest() < 0.04
-    with contextlib.closing(Marlin(stage.line.port, greeting_timeout=0.5)) as pusher:
+    with contextlib.closing(Marlin(SerialSettings(stage.line.port, connect_timeout=0.5))) as pusher:
         pusher.connect()
         stage.fails(pusher, NotConnected, "if it was halted")

@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from pushfric_core.pushers.axis_reports import StatusReport
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import Alarm, CommandRefused, RealTime, parse_status
 from pushfric_core.pushers.pusher import Held, Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
-from pushfric_core.pushers.serial_pusher import StatusReport
+from pushfric_core.pushers.serial_settings import SerialSettings
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
@@ -112,14 +113,18 @@ def fail(pusher: Grbl, error: type[Exception], text: str, peer: Peer | None = No
 
 def report_now(pusher: Grbl, peer: Peer, stamp: int = 5) -> PusherReport:
     """The answer to a status query sent after all others were answered."""
-    drive(pusher, lambda: pusher._asked is None, peer, ask=False)
+    drive(pusher, lambda: not pusher._line._is_asked, peer, ask=False)
     pusher.ask(stamp)
-    return drive(pusher, lambda: pusher._asked is None, peer, ask=False)[-1]
+    return drive(pusher, lambda: not pusher._line._is_asked, peer, ask=False)[-1]
+
+
+def driver(port: str, home: bool = False, only_look: bool = False, **settings) -> Grbl:
+    return Grbl(SerialSettings(port, **settings), home, only_look)
 
 
 def connect(peer: Peer, greet: str = GREETING, **kwargs) -> Grbl:
     """A driver connected to a scripted controller."""
-    pusher = Grbl(peer.port, greeting_timeout=1.0, **PATIENT | kwargs)
+    pusher = driver(peer.port, connect_timeout=1.0, **PATIENT | kwargs)
     pusher.connect()
     peer.say(greet)
     drive(pusher, lambda: not pusher.busy, peer)
@@ -130,10 +135,10 @@ def begin_move(pusher: Grbl, peer: Peer, position: float = 0.0015, speed: float 
     """A motion whose `ok` has come and which is reported to run."""
     peer.heard = b""
     pusher.move_to(position, speed)
-    drive(pusher, lambda: peer.heard.endswith(b"\n") and pusher._pending is None, peer, ask=False)
+    drive(pusher, lambda: peer.heard.endswith(b"\n") and pusher._line.pending is None, peer, ask=False)
     if position == 0.0015:
         peer.status = "<Jog|MPos:0.500,0.000,0.000|FS:1200,0>"
-        drive(pusher, lambda: pusher._status.state == "Jog" and pusher._last.position == 0.0005, peer)
+        drive(pusher, lambda: pusher._axis.status.state == "Jog" and pusher._axis.last.position == 0.0005, peer)
 
 
 @pytest.mark.parametrize(
@@ -229,7 +234,7 @@ def test_noise_at_boot_is_ignored(peer):
 
 
 def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
-    pusher = Grbl(peer.port, greeting_timeout=1.0)
+    pusher = driver(peer.port, connect_timeout=1.0)
     pusher.connect()
     drive(pusher, lambda: not pusher.busy, peer)
     assert peer.heard == ASKED
@@ -240,7 +245,7 @@ def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
 def test_a_controller_deaf_to_questions_is_held_and_reset_and_not_believed(peer):
     """GRBL is like this after a limit, and while it homes."""
     peer.status = ""
-    pusher = Grbl(peer.port, greeting_timeout=0.05)
+    pusher = driver(peer.port, connect_timeout=0.1)
     pusher.connect()
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
@@ -253,7 +258,7 @@ def test_a_controller_deaf_to_questions_is_held_and_reset_and_not_believed(peer)
 def test_a_port_where_nothing_answers(peer, monkeypatch):
     monkeypatch.setattr("pushfric_core.pushers.grbl.RESET_PATIENCE", 0.1)
     peer.on_reset = peer.status = ""
-    pusher = Grbl(peer.port, greeting_timeout=0.05)
+    pusher = driver(peer.port, connect_timeout=0.1)
     pusher.connect()
     fail(pusher, NotConnected, "no GRBL controller answers at .*, 115200 baud", peer)
     assert pusher.mode is Mode.DISCONNECTED
@@ -261,7 +266,7 @@ def test_a_port_where_nothing_answers(peer, monkeypatch):
 
 
 def test_an_old_grbl_is_refused(peer):
-    pusher = Grbl(peer.port)
+    pusher = driver(peer.port)
     pusher.connect()
     peer.say("\r\nGrbl 0.9j ['$' for help]\r\n")
     fail(pusher, NotConnected, r"Grbl 0\.9j at .* is too old, expected Grbl 1\.1", peer)
@@ -269,18 +274,18 @@ def test_an_old_grbl_is_refused(peer):
 
 def test_a_port_that_is_not_there():
     with pytest.raises(NotConnected, match="no serial port at /dev/no_such_port"):
-        Grbl("/dev/no_such_port").connect()
+        driver("/dev/no_such_port").connect()
 
 
 def test_a_port_in_use_is_left_alone(peer):
     pusher = connect(peer)
     with pytest.raises(NotConnected, match="cannot open"):
-        Grbl(peer.port).connect()
+        driver(peer.port).connect()
     assert pusher.mode is Mode.IDLE
 
 
 def test_a_pusher_that_is_not_connected_cannot_be_used():
-    pusher = Grbl("/dev/no_such_port")
+    pusher = driver("/dev/no_such_port")
     with pytest.raises(NotConnected, match="is not open"):
         pusher.poll()
     with pytest.raises(NotConnected, match="is not open"):
@@ -294,7 +299,7 @@ def test_a_pusher_that_is_not_connected_cannot_be_used():
 
 def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
-    pusher = Grbl(peer.port)
+    pusher = driver(peer.port)
     pusher.connect()
     peer.say(GREETING + "[MSG:'$H'|'$X' to unlock]\r\n")
     drive(pusher, lambda: not pusher.busy, peer)
@@ -366,7 +371,7 @@ def test_a_piece_that_came_too_late_to_be_a_jog_is_sent_again(peer):
     peer.replies[JOG[1:-1]] = "error:8\r\n"
     peer.heard, peer.status = b"", "<Run|MPos:0.000,0.000,0.000|FS:0,0>"
     pusher.move_to(0.0015, 0.02)
-    drive(pusher, lambda: peer.heard == JOG and pusher._pending is None, peer)
+    drive(pusher, lambda: peer.heard == JOG and pusher._line.pending is None, peer)
     del peer.replies[JOG[1:-1]]
     peer.status = IDLE
     drive(pusher, lambda: peer.heard == JOG + JOG[1:], peer)
@@ -385,11 +390,11 @@ def test_an_axis_that_runs_backwards(peer):
 
 
 def test_the_work_offset_is_waited_for_and_remembered(peer):
-    late = Grbl(peer.port)
+    late = driver(peer.port)
     late.connect()
     peer.status = "<Idle|MPos:10.000,0.000,0.000|FS:0,0>"
     peer.say(GREETING)
-    drive(late, lambda: late._statuses >= 3, peer)
+    drive(late, lambda: late._axis.statuses >= 3, peer)
     assert late.mode is Mode.DISCONNECTED
     peer.status = "<Idle|MPos:10.000,0.000,0.000|FS:0,0|WCO:10.000,0.000,0.000>"
     drive(late, lambda: not late.busy, peer)
@@ -405,7 +410,7 @@ def test_reports_in_inches(peer):
     pusher.move_to(0.0015, 0.02)
     drive(pusher, lambda: peer.heard.endswith(b"\n"), peer, ask=False)
     peer.status = "<Jog|WPos:0.0200,0.0000,0.0000|FS:47.2,0>"
-    report = drive(pusher, lambda: pusher._status.state == "Jog", peer)[-1]
+    report = drive(pusher, lambda: pusher._axis.status.state == "Jog", peer)[-1]
     assert report[:2] == (pytest.approx(0.000508), pytest.approx(0.01998, abs=1e-5))
     assert peer.heard == JOG
 
@@ -413,9 +418,9 @@ def test_reports_in_inches(peer):
 def test_the_speed_is_signed(peer):
     pusher = connect(peer)
     begin_move(pusher, peer)
-    assert pusher._last[:2] == (pytest.approx(0.0005), pytest.approx(0.02))
+    assert pusher._axis.last[:2] == (pytest.approx(0.0005), pytest.approx(0.02))
     peer.status = "<Jog|MPos:0.300,0.000,0.000|FS:600,0>"
-    assert drive(pusher, lambda: pusher._last.position < 0.0004, peer)[-1].speed == pytest.approx(-0.01)
+    assert drive(pusher, lambda: pusher._axis.last.position < 0.0004, peer)[-1].speed == pytest.approx(-0.01)
 
 
 def test_without_a_feed_field_positions_and_stamps_give_the_speed(peer):
@@ -443,8 +448,8 @@ def test_a_pusher_that_brakes_is_not_said_to_rest(peer):
 def test_idle_right_after_ok_does_not_mean_arrival(peer):
     pusher = connect(peer)
     pusher.move_to(0.0015, 0.02)
-    seen = pusher._statuses
-    drive(pusher, lambda: pusher._statuses >= seen + 5, peer)
+    seen = pusher._axis.statuses
+    drive(pusher, lambda: pusher._axis.statuses >= seen + 5, peer)
     assert pusher.busy
     peer.status = "<Idle|MPos:1.504,0.000,0.000|FS:0,0>"  # within a motor step
     drive(pusher, lambda: not pusher.busy, peer)
@@ -502,9 +507,9 @@ def test_a_stroke_whose_pieces_were_discarded_is_not_continued(peer):
     pusher = connect(peer)
     pusher.move_to(0.03, 0.02)
     peer.status = "<Jog|MPos:2.000,0.000,0.000|FS:1200,0>"
-    drive(pusher, lambda: pusher._last.position == 0.002, peer)
+    drive(pusher, lambda: pusher._axis.last.position == 0.002, peer)
     peer.status = "<Idle|MPos:2.400,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: pusher._status.state == "Idle", peer)
+    drive(pusher, lambda: pusher._axis.status.state == "Idle", peer)
     peer.heard = b""
     fail(pusher, Held, "the pusher rests at 0.0024 m, was sent to 0.0", peer)
     assert b"$J" not in peer.heard
@@ -533,7 +538,7 @@ def test_a_controller_that_is_held_at_rest_asks_a_person(peer):
     fail(pusher, Held, "its door input is active; release it, then reset", peer)
     drive(pusher, lambda: not pusher.busy, peer)
     peer.status = IDLE
-    drive(pusher, lambda: pusher._status.pins == "", peer)
+    drive(pusher, lambda: pusher._axis.status.pins == "", peer)
     refuses(pusher)
     pusher.recover()
     drive(pusher, lambda: not pusher.busy, peer)
@@ -580,8 +585,8 @@ def test_a_stop_is_a_feed_hold_then_at_rest_a_reset(peer):
     pusher.stop()
     pusher.stop()
     peer.status = "<Hold:1|MPos:0.600,0.000,0.000|FS:300,0>"
-    seen = pusher._statuses
-    drive(pusher, lambda: pusher._statuses >= seen + 4, peer)
+    seen = pusher._axis.statuses
+    drive(pusher, lambda: pusher._axis.statuses >= seen + 4, peer)
     assert peer.heard.replace(b"!\x85", b"") == b""
     peer.status = "<Hold:0|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
@@ -681,8 +686,9 @@ def test_a_write_that_succeeds_late_loses_nothing(peer, monkeypatch):
 
 def test_a_port_that_takes_no_bytes_is_lost(peer):
     pusher = connect(peer)
-    with pytest.raises(NotConnected, match=r"lost .*: it takes no bytes for 0\.5 s"):
-        pusher._write(100_000 * b"?")
+    for write in (lambda: pusher._line.write(100_000 * b"?"), pusher.stop):
+        with pytest.raises(NotConnected, match=r"lost .*: it takes no bytes for 0\.5 s"):
+            write()
     assert pusher.mode is Mode.DISCONNECTED
 
 

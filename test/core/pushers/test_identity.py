@@ -6,9 +6,9 @@ import types
 
 import pytest
 
-from pushfric_core.pushers import serial_port
+from pushfric_core.pushers import serial_line
 from pushfric_core.pushers.position_memory import PositionMemory
-from pushfric_core.pushers.serial_port import identity_of
+from pushfric_core.pushers.serial_line import identity_of
 
 
 def test_a_position_that_trembles_is_not_written_again(tmp_path):
@@ -63,6 +63,6 @@ def test_every_link_to_a_port_leads_to_the_same_device(tmp_path):
 )
 def test_a_usb_device_is_known_by_its_number_else_by_its_socket(monkeypatch, device, text):
     usb = {"serial_number": None, "usb_interface_path": "/sys/bus/1-2:1.0", "location": "1-2:1.0", "vid": 0x0403, "pid": 0x6001}
-    monkeypatch.setattr(serial_port, "SysFS", lambda path: types.SimpleNamespace(**usb | device))
+    monkeypatch.setattr(serial_line, "SysFS", lambda path: types.SimpleNamespace(**usb | device))
     assert identity_of("/dev/ttyUSB0") == identity_of("/dev/ttyUSB7") == text
     assert not text.startswith("/")

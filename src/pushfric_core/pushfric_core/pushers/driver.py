@@ -11,7 +11,7 @@ the pusher and never ends an alarm: both wait for `recover()`.
 import contextlib
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Mapping
 
 from pushfric_core.pushers.clock import Wakefulness, clock
 from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, STOPPING, Action, Event, Phase, Role, Status, Trust
@@ -21,7 +21,6 @@ from pushfric_core.pushers.pusher import (
     Halted,
     Jumped,
     LeftTheWay,
-    Limits,
     Mode,
     NotConnected,
     NotReady,
@@ -75,21 +74,6 @@ class Driver(ABC):
 
     @property
     @abstractmethod
-    def place(self) -> str: ...
-
-    @property
-    @abstractmethod
-    def dropped(self) -> int: ...
-
-    @property
-    @abstractmethod
-    def limits(self) -> Limits: ...
-
-    @abstractmethod
-    def ask(self, stamp: int) -> None: ...
-
-    @property
-    @abstractmethod
     def _reported(self) -> Mode:
         """The mode of the last report; DISCONNECTED without one."""
 
@@ -123,28 +107,13 @@ class Driver(ABC):
         """The report that poll() returns."""
 
     @abstractmethod
-    def _connecting(self) -> Script:
-        """Find out who answers, bring it to rest, and learn its limits and its position; move nothing."""
+    def _scripts(self) -> Mapping[Phase, Callable[[], Script]]:
+        """The scripts of the phases; a phase without one has ended when it begins.
 
-    @abstractmethod
-    def _streaming(self) -> Script:
-        """Send the stroke, as there is room for it, until the pusher rests at its end."""
-
-    @abstractmethod
-    def _braking(self) -> Script:
-        """Wait until the pusher rests."""
-
-    @abstractmethod
-    def _reset(self) -> Script:
-        """Discard all that has been sent. Raises Timeout if the pusher is not heard afterwards."""
-
-    @abstractmethod
-    def _seek_home(self) -> Script:
-        """Move to the home switch."""
-
-    @abstractmethod
-    def _unlock(self) -> Script:
-        """End an alarm."""
+        CONNECTING finds out who answers, brings it to rest, and learns its limits and its position; it moves nothing.
+        STREAMING sends the stroke, as there is room for it, until the pusher rests at its end. BRAKING waits until it rests.
+        RESETTING and RECOVERING discard all that has been sent. HOMING moves to the home switch, UNLOCKING ends an alarm.
+        """
 
     # The state
 
@@ -162,26 +131,23 @@ class Driver(ABC):
         return True
 
     def _begin(self) -> None:
-        """Begin the script of the phase, if it has one."""
+        """Begin the script of the phase."""
         if self._script is not None:
             self._script.close()
-        scripts = {
-            Phase.CONNECTING: self._connecting,
-            Phase.STREAMING: self._streaming,
-            Phase.BRAKING: self._braking,
-            Phase.RESETTING: self._reset,
-            Phase.RECOVERING: self._reset,
-            Phase.HOMING: self._seek_home,
-            Phase.UNLOCKING: self._unlock,
-        }
-        self._script = next((script() for phase, script in scripts.items() if phase in self._state), None)
-        if self._script is None:
-            self._stroke = None
+        phase = next(member for member in self._state if isinstance(member, Phase))
+        if phase in (Phase.CLOSED, Phase.RESTING):
+            self._script = self._stroke = None
+        else:
+            self._script = self._scripts().get(phase, lambda: (yield from ()))()
 
     def _suspect(self, why: str) -> None:
         """From now on, the position is in doubt."""
         self._doubt = why
         self._on(Event.DOUBT)
+
+    def _blame(self, error: PusherError) -> None:
+        """An error was heard of: the next poll() raises it, unless an earlier one is due."""
+        self._trouble = self._trouble or error
 
     @property
     def _connected(self) -> bool:
@@ -250,7 +216,11 @@ class Driver(ABC):
 
     def stop(self) -> None:
         """See Pusher."""
-        self._on(Event.STOP)
+        try:
+            self._on(Event.STOP)
+        except NotConnected:
+            self._drop()
+            raise
 
     def poll(self, stamp: int | None = None) -> PusherReport | None:
         """See Pusher."""

@@ -6,6 +6,7 @@ override changes a jog, and a feed hold cancels it.
 
 import math
 
+from pushfric_core.pushers.axis_reports import MM, MM_PER_MINUTE, STATE_MODES, StatusReport
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.driver import Script
 from pushfric_core.pushers.driver_states import Phase, Role
@@ -26,14 +27,10 @@ from pushfric_core.pushers.grbl_protocol import (
     work_offset_of,
 )
 from pushfric_core.pushers.pusher import Halted, Held, Jumped, Limits, Mode, NotConnected, Timeout
+from pushfric_core.pushers.serial_line import WIPED
 from pushfric_core.pushers.serial_pusher import (
     ASKED_FOR_TWO_ALIKE,
-    MM,
-    MM_PER_MINUTE,
-    STATE_MODES,
-    WIPED,
     SerialPusher,
-    StatusReport,
 )
 from pushfric_core.pushers.serial_settings import AXES
 
@@ -68,7 +65,7 @@ class Grbl(SerialPusher):
 
     def send(self, command: RealTime) -> None:
         """Send a real-time command. Raises NotConnected."""
-        self._write(command.value)
+        self._line.write(command.value)
 
     def hold(self, homing: bool = False) -> None:
         self.send(RealTime.HOLD)
@@ -84,7 +81,7 @@ class Grbl(SerialPusher):
         self.send(RealTime.FULL_FEED)
 
     def _halted(self) -> Halted:
-        return Alarm(None if self._status is None else self._status.substate)
+        return Alarm(None if self._axis.status is None else self._axis.status.substate)
 
     @property
     def limits(self) -> Limits:
@@ -98,7 +95,7 @@ class Grbl(SerialPusher):
 
     def _axis_setting(self, first: int) -> float:
         """Infinite if the firmware keeps it elsewhere."""
-        return self._setting(first + self._index, math.inf)
+        return self._setting(first + self._axis.index, math.inf)
 
     def _setting(self, number: int, otherwise: float) -> float:
         try:
@@ -108,58 +105,57 @@ class Grbl(SerialPusher):
 
     def _take(self, raw: bytes) -> None:
         """Take one line; startup lines, echoes, feedback and noise are ignored."""
-        line = raw.translate(None, ECHOED).decode("ascii", errors="replace").strip()
+        line, pending = raw.translate(None, ECHOED).decode("ascii", errors="replace").strip(), self._line.pending
         if (greeting := GREETING.search(line)) is not None:  # a restart may cut off another line
             self._take_greeting(greeting[1])
         elif (status := parse_status(line)) is not None:
             self._take_status(status)
         elif line.startswith("<"):
-            self._damaged += 1
+            self._axis.damaged += 1
         elif (error := ERROR.fullmatch(line)) is not None or line == "ok":
-            if self._pending is not None:  # otherwise it is from before a reset, or about the controller's own memory
-                self._answer = line if error is None else CommandRefused(self._pending, int(error[1]))
-                self._pending, self._owed = None, 0  # so every greeting that was due before it has come
+            if pending is not None:  # otherwise it is from before a reset, or about the controller's own memory
+                self._line.answered(line if error is None else CommandRefused(pending, int(error[1])))
+                self._owed = 0  # so every greeting that was due before it has come
         elif (alarm := ALARM.fullmatch(line)) is not None:
-            self._status = StatusReport("Alarm")
-            self._trouble = self._trouble or Alarm(int(alarm[1]))  # a restart may bring an alarm of its own
+            self._axis.status = StatusReport("Alarm")
+            self._blame(Alarm(int(alarm[1])))  # a restart may bring an alarm of its own
         elif (held := HOLDS.match(line)) is not None:
             self._hear_of_hold(f'it says "{held[1]}"')
         elif (build := BUILD.match(line)) is not None:
             self._version = f"Grbl {build[1]}"
-        elif (setting := SETTING.match(line)) is not None and self._pending == "$$":
+        elif (setting := SETTING.match(line)) is not None and pending == "$$":
             self._settings[int(setting[1])] = setting[2]
-        elif (own := AXIS_SOFT_LIMITS.fullmatch(line)) is not None and self._pending == line.partition("=")[0]:
+        elif (own := AXIS_SOFT_LIMITS.fullmatch(line)) is not None and pending == line.partition("=")[0]:
             self._settings[20] = str(int(own[1] == "true"))
-        elif (parameter := PARAMETER.fullmatch(line)) is not None and self._pending == "$#":
+        elif (parameter := PARAMETER.fullmatch(line)) is not None and pending == "$#":
             self._parameters[parameter[1]] = parameter[2]
-        elif (modes := MODES.fullmatch(line)) is not None and self._pending == "$G":
+        elif (modes := MODES.fullmatch(line)) is not None and pending == "$G":
             self._modes = modes[1]
 
     def _take_greeting(self, version: str) -> None:
         self._greetings += 1
         self._version = self._version or f"Grbl {version}"  # $I says more than the greeting
-        self._pending, self._answer = None, WIPED if self._pending is not None else self._answer
+        if self._line.pending is not None:
+            self._line.answered(WIPED)
         if self._owed:
             self._owed -= 1
         else:
             self._restarted |= self._connected
-            self._trouble = NotConnected(f"the controller at {self._path} restarted")
+            self._trouble = NotConnected(f"the controller at {self._line.path} restarted")
 
     def _take_offset(self, status: StatusReport) -> None:
         """Take the work offset of a report. It displaces all positions, so a new one must come twice to mean anything."""
         offset = status.work_offset
         if offset is None:
             return
-        again, self._claimed_offset = _agree(offset, self._claimed_offset, self.unit), offset
-        if self._offset is None:
-            self._offset = offset if again else None
-        elif again and not _agree(offset, self._offset, self.unit):
-            before, now = (_shown(one, self.unit) for one in (self._offset, offset))
-            self._trouble = self._trouble or Jumped(f"the work offset of {self._path} is ({now}) mm now, it was ({before}) mm")
-
-    @property
-    def unit(self) -> float:
-        return INCH if self._settings.get(13) == "1" else 1.0
+        again, self._claimed_offset = _agree(offset, self._claimed_offset, self._axis.unit), offset
+        if self._axis.offset is None:
+            self._axis.offset = offset if again else None
+        elif again and not _agree(offset, self._axis.offset, self._axis.unit):
+            before, now = (_shown(one, self._axis.unit) for one in (self._axis.offset, offset))
+            self._trouble = self._trouble or Jumped(
+                f"the work offset of {self._line.path} is ({now}) mm now, it was ({before}) mm"
+            )
 
     # Scripts
 
@@ -173,7 +169,7 @@ class Grbl(SerialPusher):
                 self._suspect(f"held at the controller: it reported {status.state} when it was found")
             yield from self._reset()  # nothing moves any more, and only now are lines read
             if self._reported is Mode.HOLD:
-                raise NotConnected(f"held at the controller at {self._path}: it reads nothing until it is released")
+                raise NotConnected(f"held at the controller at {self._line.path}: it reads nothing until it is released")
         try:
             yield from self._command("$I")
         except Timeout:
@@ -186,11 +182,14 @@ class Grbl(SerialPusher):
         if self._version.startswith("Grbl 0."):
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
         # FluidNC's $20 is that of X; it answers "$/axes/y/soft_limits=true"
-        own_limits = [f"$/axes/{self._letter.lower()}/soft_limits"] if "FluidNC" in self._version and self._index else []
+        own_limits = (
+            [f"$/axes/{self._axis.letter.lower()}/soft_limits"] if "FluidNC" in self._version and self._axis.index else []
+        )
         yield from self._ask_for_settings("$$", *own_limits)
         self._check_settings()
+        self._axis.unit = INCH if self._settings.get(13) == "1" else 1.0
         yield from self._ask_for_offset()
-        self._plausibility.forget()  # now that the unit of reports is known
+        self._axis.believe_next()  # now that the unit of reports is known
         yield from self._find_place()
         if self._restarted:
             self._suspect("the controller restarted by itself: its reset input, or its supply")
@@ -198,31 +197,31 @@ class Grbl(SerialPusher):
 
     def _await_greeting(self) -> Script:
         """Wait for the greeting of a board that boots when its port is opened, or the answer of one that runs already."""
-        deadline = clock() + self._greeting_timeout
-        while not self._greetings and not self._statuses:
+        deadline = clock() + self._serial.connect_timeout
+        while not self._greetings and not self._axis.statuses:
             if clock() > deadline:
                 if self._role is Role.LOOKS:
-                    raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud")
+                    raise NotConnected(f"no GRBL controller answers at {self._line.path}, {self._serial.baud} baud")
                 break
             self._ask(None)
             yield
         if self._version.startswith("Grbl 0."):
             raise NotConnected(f"{self.name} is too old, expected Grbl 1.1")
-        if not self._greetings and not self._statuses:
+        if not self._greetings and not self._axis.statuses:
             # after a limit, and while it homes, GRBL ignores everything but a reset
             self._suspect("it answered only after a reset")
             self.send(RealTime.HOLD)
             try:
                 yield from self._reset()
             except Timeout as error:
-                raise NotConnected(f"no GRBL controller answers at {self._path}, {self._baud} baud") from error
+                raise NotConnected(f"no GRBL controller answers at {self._line.path}, {self._serial.baud} baud") from error
 
     def _ask_for_offset(self) -> Script:
         """Ask for the parts of the work offset until two answers agree, or one agrees with a report or with what is known.
 
         If a controller does not name the parts, the offset of two reports that agree is taken.
         """
-        known = before = self._offset
+        known = before = self._axis.offset
         for _ in range(ASKED_FOR_TWO_ALIKE):
             self._parameters, self._modes = {}, ""
             try:
@@ -231,21 +230,21 @@ class Grbl(SerialPusher):
             except CommandRefused:
                 return
             offset = work_offset_of(self._parameters, self._modes)
-            if any(_agree(offset, other, self.unit) for other in (before, self._claimed_offset)) or not self._parameters:
+            if any(_agree(offset, other, self._axis.unit) for other in (before, self._claimed_offset)) or not self._parameters:
                 break
             before = offset
         else:
             raise NotConnected(f"{self.name}: its offsets ($#) came {ASKED_FOR_TWO_ALIKE} times, each time different")
-        if known is not None and offset is not None and not _agree(offset, known, self.unit):
-            was, now = (_shown(one, self.unit) for one in (known, offset))
+        if known is not None and offset is not None and not _agree(offset, known, self._axis.unit):
+            was, now = (_shown(one, self._axis.unit) for one in (known, offset))
             self._suspect(f"a reset changed its work offset from ({was}) mm to ({now}) mm")
-            self._plausibility.forget()
-        self._offset, self._claimed_offset = offset or known, None
+            self._axis.believe_next()
+        self._axis.offset, self._claimed_offset = offset or known, None
 
     def _check_settings(self) -> None:
         """Raises NotConnected if a setting that matters has an impossible value."""
-        must_be_positive = {100 + self._index, 110 + self._index, 120 + self._index}
-        for number in sorted(must_be_positive | {20, 22, 27, 130 + self._index}):
+        must_be_positive = {100 + self._axis.index, 110 + self._axis.index, 120 + self._axis.index}
+        for number in sorted(must_be_positive | {20, 22, 27, 130 + self._axis.index}):
             text = self._settings.get(number)
             try:
                 value = float(text or "nan")
@@ -259,7 +258,7 @@ class Grbl(SerialPusher):
     def _unlock(self) -> Script:
         if self.mode is Mode.ALARM:
             yield from self._command("$X")
-        yield from self._find_place()
+        yield from super()._unlock()
 
     @property
     def _homing_line(self) -> str:
@@ -267,8 +266,8 @@ class Grbl(SerialPusher):
 
     def _piece(self, position: float, speed: float) -> str:
         # adding 0.0 turns -0.0 into 0.0
-        target = round(self._zero + self._sign * position / MM, 3) + 0.0
-        return f"$J=G21G90{self._letter}{target:.3f}F{speed / MM_PER_MINUTE:.3f}"
+        target = round(self._axis.zero + self._axis.sign * position / MM, 3) + 0.0
+        return f"$J=G21G90{self._axis.letter}{target:.3f}F{speed / MM_PER_MINUTE:.3f}"
 
     @property
     def _resolution(self) -> float:
@@ -278,9 +277,9 @@ class Grbl(SerialPusher):
     def _reset(self) -> Script:
         """Raises Timeout if the controller does not answer afterwards."""
         # for half a second, while it reports its alarm, GRBL drops a reset
-        dropped = self._status is not None and self._status.state == "Alarm"
+        dropped = self._axis.status is not None and self._axis.status.state == "Alarm"
         before = self._greetings
-        self._pending = self._asked = self._silent_since = None  # a reset wipes out what was sent
+        self._line.discard()  # a reset wipes out what was sent
         self._send_reset()
         again, deadline = clock() + RESET_AGAIN, clock() + RESET_PATIENCE
         while self._greetings == before and clock() < deadline:
@@ -297,7 +296,7 @@ class Grbl(SerialPusher):
         if status.state not in STATE_MODES:  # it reads no line until it is released
             if Phase.RECOVERING in self._state:
                 raise Held(f"held at the controller: {self._holding(status)}; release it, then reset")
-        elif self._offset is not None:  # a reset ends shifts (G92) and may choose another coordinate system
+        elif self._axis.offset is not None:  # a reset ends shifts (G92) and may choose another coordinate system
             yield from self._ask_for_offset()
             yield from self._report()
 

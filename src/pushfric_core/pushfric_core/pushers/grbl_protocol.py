@@ -4,8 +4,9 @@ import re
 from collections.abc import Mapping
 from enum import Enum
 
+from pushfric_core.pushers.axis_reports import StatusReport
 from pushfric_core.pushers.pusher import Halted
-from pushfric_core.pushers.serial_pusher import Refused, StatusReport
+from pushfric_core.pushers.serial_line import Refused
 
 ERRORS = {
     1: "Expected command letter", 2: "Bad number format", 3: "Invalid statement", 4: "Value < 0", 5: "Setting disabled",

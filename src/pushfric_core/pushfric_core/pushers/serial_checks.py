@@ -57,7 +57,7 @@ def check_port(path: str) -> Check:
 
 def check_controller(serial: SerialSettings, driver: type[SerialPusher], config: PusherConfig) -> tuple[Check, Limits | None]:
     """Who answers at the port, without doing anything to it; and its limits, if it is a controller at rest."""
-    pusher = driver(serial.port, serial.baud, serial.axis, greeting_timeout=serial.connect_timeout, only_look=True)
+    pusher = driver(serial, only_look=True)
     with contextlib.closing(pusher):
         try:
             pusher.connect()

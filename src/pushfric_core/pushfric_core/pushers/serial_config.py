@@ -25,16 +25,7 @@ class SerialConfig(SerialSettings, ABC):
 
     def open_pusher(self, config: PusherConfig) -> Pusher:
         """The driver; nothing is opened yet."""
-        return self.driver_class()(
-            self.port,
-            self.baud,
-            self.axis,
-            config.home,
-            self.connect_timeout,
-            self.ahead,
-            self.silence,
-            self.real_time_factor,
-        )
+        return self.driver_class()(self, config.home)
 
     def absence(self) -> str | None:
         """Why there can be no controller; None if there may be one."""

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 
-from pushfric_core.pushers.serial_port import open_port, write_all
+from pushfric_core.pushers.serial_line import open_port, write_all
 
 Filter = Callable[[bytes], bytes]
 TICK = 0.002  # [s]

@@ -9,7 +9,7 @@ import math
 import os
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -286,6 +286,9 @@ class Arm(Driver):
         if self._stroke is not None or self._moves:
             self._send(np.zeros(3))
 
+    def _scripts(self) -> Mapping[Phase, Callable[[], Script]]:
+        return {Phase.CONNECTING: self._connecting, Phase.STREAMING: self._streaming, Phase.BRAKING: self._braking}
+
     def _connecting(self) -> Script:
         began = clock()
         while lacks := self._command.lacks or ("" if self._seen and self._lasted >= WINDOW else f"no pose of {self.name}"):
@@ -334,17 +337,6 @@ class Arm(Driver):
                     self._asked = True
                     return
             yield
-
-    def _reset(self) -> Script:
-        """What was sent is over by itself."""
-        yield from ()
-
-    def _seek_home(self) -> Script:
-        raise NotImplementedError("an arm knows where it stands")
-
-    def _unlock(self) -> Script:
-        """A person has looked."""
-        yield from ()
 
     @property
     def _is_due(self) -> bool:

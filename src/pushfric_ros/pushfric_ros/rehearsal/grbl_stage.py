@@ -111,8 +111,7 @@ class GrblStage(Stage):
 
     @contextlib.contextmanager
     def driver(self, look: bool = False) -> Iterator[Grbl]:
-        pusher = Grbl(self.line.port, self.grbl.baud, self.grbl.axis, silence=self.grbl.silence, only_look=look)
-        with contextlib.closing(pusher):
+        with contextlib.closing(Grbl(replace(self.grbl, port=self.line.port), only_look=look)) as pusher:
             pusher.connect()
             drive(pusher)
             yield pusher

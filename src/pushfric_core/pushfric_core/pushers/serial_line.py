@@ -1,0 +1,200 @@
+"""The serial line to a controller: lines that it answers one by one, and questions in between, which it answers by reports.
+
+The port never blocks: it is opened for one program alone, and written to within a time limit.
+"""
+
+import contextlib
+import math
+import os
+import select
+import termios
+from collections import deque
+
+from pushfric_core.errors import extra
+
+with extra("serial", "a serial port"):
+    import serial
+    from serial.tools.list_ports_linux import SysFS
+
+from pushfric_core.pushers.clock import clock
+from pushfric_core.pushers.pusher import NotConnected, PusherError
+
+WRITE_TIMEOUT = 0.5  # [s]
+LONGEST_LINE = 4096  # [bytes]
+LATENCIES = 9  # of the last answers to questions
+WIPED = "wiped out by a reset"
+
+
+class Refused(PusherError):
+    """The controller did not accept a line."""
+
+    passing = False
+    """Whether the same line may be accepted a little later."""
+
+
+class SerialLine:
+    """The port, the line that waits for its answer, and the question that does."""
+
+    def __init__(self, path: str, baud: int) -> None:
+        """Nothing is opened yet."""
+        self.path, self._baud = path, baud
+        self._port: serial.Serial | None = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing has been sent or heard."""
+        self._buffer = b""
+        self.answer: Refused | str | None = None
+        """To the last line."""
+        self.sent_at = 0.0
+        """When the last line was sent [s]."""
+        self.asked_at = -math.inf
+        """When the last question was sent [s]."""
+        self.reported_of = 0.0
+        """When the question behind the newest report was sent [s]."""
+        self.latencies: deque[float] = deque(maxlen=LATENCIES)
+        """Between questions and reports [s]."""
+        self.discard()
+
+    def discard(self) -> None:
+        """Whatever has been sent will not be answered any more."""
+        self.pending: str | None = None
+        """The line that is not answered yet."""
+        self._is_asked = False
+        self.stamp: int | None = None
+        """Given with the question that is not answered yet."""
+        self.silent_since: float | None = None
+        """When the first question of those that are not answered was sent [s]."""
+
+    def open(self) -> None:
+        """Raises NotConnected."""
+        if not os.path.exists(self.path):
+            raise NotConnected(f"no serial port at {self.path}")
+        try:
+            self._port = open_port(self.path, self._baud)
+        except OSError as error:
+            raise NotConnected(f"cannot open {self.path}: {error}") from error
+
+    def close(self, last_words: bytes) -> None:
+        """Leave the port, if it is open."""
+        port, self._port = self._port, None
+        if port is not None:
+            with contextlib.suppress(OSError):  # it may be gone already
+                write_all(port, last_words)
+            port.close()
+
+    def write(self, data: bytes) -> None:
+        """Raises NotConnected."""
+        if self._port is None:
+            raise NotConnected(f"{self.path} is not open")
+        try:
+            write_all(self._port, data)
+        except OSError as error:
+            raise NotConnected(f"lost {self.path}: {error}") from error
+
+    def read(self) -> list[bytes]:
+        """The lines that have arrived since the last time. Raises NotConnected."""
+        if self._port is None:
+            raise NotConnected(f"{self.path} is not open")
+        try:
+            self._buffer += self._port.read(LONGEST_LINE)
+        except OSError as error:
+            raise NotConnected(f"lost {self.path}: {error}") from error
+        *lines, self._buffer = self._buffer.split(b"\n")
+        self._buffer = self._buffer[-LONGEST_LINE:]  # noise without an end of line
+        return lines
+
+    def send(self, line: str, data: bytes) -> None:
+        """Send a line as these bytes; its answer is awaited. Raises NotConnected."""
+        self.pending, self.answer, self.sent_at = line, None, clock()
+        self.write(data)
+
+    def answered(self, answer: Refused | str) -> None:
+        """The line that is awaited got this answer."""
+        self.pending, self.answer = None, answer
+
+    def may_ask(self, again: float) -> bool:
+        """Whether no question waits for an answer, or one has waited for so long [s]."""
+        return not self._is_asked or clock() - self.asked_at >= again
+
+    def asked(self, stamp: int | None) -> None:
+        """A question was sent, with this stamp."""
+        self.stamp, self._is_asked, self.asked_at = stamp, True, clock()
+        self.silent_since = self.silent_since or self.asked_at
+
+    @property
+    def report_since(self) -> float:
+        """The pusher was where a report that comes now says it is, at this time or later [s].
+
+        A report answers the first open question, or an earlier one.
+        """
+        return self.reported_of if self.silent_since is None else self.silent_since
+
+    def misheard(self) -> None:
+        """The report that came cannot be true: ask again at once."""
+        self.stamp, self._is_asked, self.asked_at = None, False, -math.inf
+
+    def reported(self, now: float) -> None:
+        """A report that can be true has come."""
+        self.reported_of = self.report_since
+        if self.silent_since is not None:
+            self.latencies.append(now - self.silent_since)
+        self.stamp, self._is_asked, self.silent_since = None, False, None
+
+
+def open_port(path: str, baud: int) -> serial.Serial:
+    """Open a port for this process alone; its DTR line keeps its level when the port is closed.
+
+    A change of DTR restarts many boards, which then lose their position.
+
+    Args:
+        path: of the port.
+        baud: its speed [bit/s].
+    Raises:
+        OSError: the port cannot be opened, is in use, or has no such speed.
+    """
+    port = None
+    try:
+        port = serial.Serial(path, baud, timeout=0, exclusive=True)
+        attributes = termios.tcgetattr(port.fd)
+        attributes[2] &= ~termios.HUPCL
+        termios.tcsetattr(port.fd, termios.TCSANOW, attributes)
+    except (ValueError, termios.error) as error:
+        if port is not None:
+            port.close()
+        raise OSError(str(error)) from error
+    return port
+
+
+def write_all(port: serial.Serial, data: bytes) -> None:
+    """Write these bytes.
+
+    pyserial's own timeout also fails a write that has succeeded, if the process stood still meanwhile.
+
+    Args:
+        port: as `open_port` opened it.
+        data: the bytes.
+    Raises:
+        OSError: the port takes no bytes for WRITE_TIMEOUT, or is gone.
+    """
+    deadline = clock() + WRITE_TIMEOUT
+    while data:
+        if not select.select([], [port.fd], [], max(0.0, deadline - clock()))[1]:
+            raise TimeoutError(f"it takes no bytes for {WRITE_TIMEOUT:g} s")
+        with contextlib.suppress(BlockingIOError):
+            data = data[os.write(port.fd, data) :]
+
+
+def identity_of(port: str) -> str:
+    """The device at a port: its USB serial number, else the USB socket it is plugged into, else the path of the port itself.
+
+    All links to a port lead to the same one. A path begins at the root, and may name another device after a restart.
+    """
+    path = os.path.realpath(port)
+    device = SysFS(path)
+    interface = os.path.basename(device.usb_interface_path or "").rpartition(":")[2]  # of a device with several ports
+    if device.serial_number:
+        return f"usb:{device.vid:04x}:{device.pid:04x}:{device.serial_number}:{interface}"
+    if device.location:
+        return f"usb-socket:{device.location}"
+    return path
