@@ -22,6 +22,7 @@ from pushfric_core.cell.node_settings import ObjectConfig, ShownConfig, ViewConf
 from pushfric_core.errors import PushfricError
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
+from pushfric_core.pages.run_server import Answer, Request, Server
 from pushfric_core.report.story import Change, Story
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
@@ -33,7 +34,6 @@ from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import PATIENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_DATA
 from pushfric_ros.view import present
-from pushfric_ros.view.server import Answer, Request, Server
 
 UNSEEN_PERIOD = 1.0
 """Time between readings of the messages that came while nobody looked [s]."""

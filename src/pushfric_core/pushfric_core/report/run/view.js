@@ -44,7 +44,7 @@ function connect() {
       return;
     }
     run.take(JSON.parse(data));
-    connection = "live";
+    connection = run.story.recorded ? "over" : "live";
     newsAt = performance.now();
     keepPictures();
     if (run.story.reported) takeReport(socket);
@@ -52,6 +52,7 @@ function connect() {
   };
   socket.onclose = ({ code }) => {
     document.removeEventListener("visibilitychange", look);
+    if (connection === "over") return;
     if (code === WITHOUT_TOKEN) connection = "refused";
     else if (connection !== "refused" && connection !== "ended") connection = code === RUN_ENDED ? "ended" : "lost";
     redraw();
@@ -68,10 +69,12 @@ async function takeReport(socket) {
     const answered = await fetch(`report.html?token=${encodeURIComponent(token)}`), text = await answered.text();
     if (!answered.ok) throw new Error(text);
     report = URL.createObjectURL(new Blob([text], { type: "text/html" }));
-    const only = text.slice(text.indexOf('<section id="downloads"'), text.indexOf("</main>"));
-    document.querySelector("main").append(...new DOMParser().parseFromString(only, "text/html").body.children);
+    const page = new DOMParser().parseFromString(text.slice(0, text.indexOf("</main>")), "text/html"), main = document.querySelector("main");
+    main.before(...page.querySelectorAll(".doubt"));
+    main.append(...page.querySelectorAll("#downloads, #downloads ~ *"));
     at("downloads").querySelector("a:not([download])")?.remove(); // a file beside the report
     at("result_page").href = report;
+    if (connection === "over") at("downloads").lastElementChild.append(at("result_page"));
   } catch {
     report = null; // it stays in its file
   }
@@ -116,6 +119,7 @@ function redraw() {
   requestAnimationFrame(() => {
     drawing = false;
     story = run.present();
+    for (const [kind, is] of [["over", connection === "over"], ["live", connection !== "over"]]) document.body.classList.toggle(kind, is);
     drawHeader();
     drawNow();
     const moment = shown(), compared = momentOf(pinned);
@@ -179,7 +183,7 @@ function drawHeader() {
 
 function drawNow() {
   const { plan, fault, estimate } = story;
-  let prompt = plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
+  let prompt = story.reading || plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
@@ -417,7 +421,7 @@ function drawNodes() {
   const signs = { ok: "✓", warning: "!", error: "✗", stale: "?" };
   const list = at("nodes");
   at("health").hidden = connection === "over"; // a bag tells of no node
-  for (const name of Object.keys(story).filter((key) => key.startsWith("node/")).sort()) {
+  for (const name of Object.keys(run.story).filter((key) => key.startsWith("node/")).sort()) {
     const { level, message, values } = story[name];
     let details = list.querySelector(`[data-node="${name}"]`);
     if (!details) {
