@@ -51,7 +51,7 @@ FAULT = "pusher_fault"
 TOLD = {PLAN: TYPES[PLAN], FAULT: "std_msgs/msg/String", KEYFRAMES: "sensor_msgs/msg/CompressedImage"}
 """Topics about a run besides its data, with their types."""
 
-MODULES = ("drawings", "line", "run", "view")
+MODULES = ("drawings", "line", "play", "run", "view")
 """Modules of the page, each after those that it imports."""
 
 FEWEST_LEARNT = 4

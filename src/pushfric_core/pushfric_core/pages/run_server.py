@@ -22,7 +22,10 @@ from pushfric_core.report.report import to_json
 from pushfric_core.report.story import PASSING, Change
 from pushfric_core.trajectories.observation import PUSH_IDS
 
-ACTIONS = ("stop", "reset", "repeat", "skip", "end")
+AT_THE_CELL = ("lamp", "unplug", "emergency_stop")
+"""The switches of a simulated cell that a visitor turns over, as a person there would."""
+
+ACTIONS = ("stop", "reset", "repeat", "skip", "end", *AT_THE_CELL)
 """The requests of a visitor that need nothing but their name."""
 
 FREE_FOR_ALL = "stop"

@@ -12,6 +12,7 @@ The story is one flat dict; a change is a part of it. A value of None removes a 
     picture/N        an image that was kept: its time, and the observations before it
     support/NAME     the support points of an object
     plan             the last plan_progress
+    played           whether the page teaches, card by card
     report           file of the page that the run leaves behind; empty: none
     fault            why the pusher has stopped
     node/NAME        the last diagnostics of a node

@@ -32,7 +32,8 @@ export function drawObject(svg, outline, estimate, pinned, moments, last) {
     svg.replaceChildren();
     return;
   }
-  const { to, scale, span } = ownFrame(svg, outline), parts = [];
+  const { to, back, scale, span } = ownFrame(svg, outline), parts = [];
+  Object.assign(svg, { toScreen: to, toObject: back });
   parts.push(made("path", { class: "outline", d: path(outline.map(to), true) }));
   const counting = moments.filter(({ row }) => !row.excluded), every = Math.ceil(counting.length / MOST_CONTACTS);
   parts.push(made("path", { class: "contact", d: counting.filter((_, index) => index % every === 0).map((one) => wedge(one, to, 11)).join("") }));
@@ -72,7 +73,8 @@ function ownFrame(svg, outline, share = 0.72) {
   const middle = sides.map(([low, high]) => (low + high) / 2), span = sides.map(([low, high]) => high - low);
   const scale = Math.min((share * WIDTH) / span[0], (0.92 * share * OBJECT_HEIGHT) / span[1]); // [px/m]
   const to = ([x, y]) => [WIDTH / 2 + (x - middle[0]) * scale, OBJECT_HEIGHT / 2 - 8 - (y - middle[1]) * scale];
-  return { to, scale, span };
+  const back = ([u, v]) => [middle[0] + (u - WIDTH / 2) / scale, middle[1] + (OBJECT_HEIGHT / 2 - 8 - v) / scale];
+  return { to, back, scale, span };
 }
 
 // A wedge from outside, along the inward normal

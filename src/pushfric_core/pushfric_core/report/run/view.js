@@ -1,10 +1,12 @@
 // Shows a run: live, told first as a whole and then in changes; or one that is over, whose story is in the page.
 import { believed, drawFriction, drawMap, drawObject, drawPrediction, drawPusher, inWords, number, wayToPlace } from "./drawings.js";
 import { drawCursors, drawLine } from "./line.js";
+import { drawCard, listenForGuess } from "./play.js";
 import { Run } from "./run.js";
 
 const RETRY_MS = 2000;
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
+const SWITCHES = ["lamp", "unplug", "emergency_stop"]; // that a person at a simulated cell turns over
 
 const token = new URLSearchParams(location.search).get("token") ?? "";
 const at = (id) => document.getElementById(id);
@@ -135,6 +137,7 @@ function redraw() {
     if (changed >= 0) drawMoment(moment, compared);
     drawn = now;
     drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
+    drawCard(run, story);
     drawNodes();
     if (story.object || connection !== "connecting") document.body.classList.remove("waiting");
   });
@@ -357,6 +360,9 @@ function drawCamera(moment, compared) {
   if (then) said += `${said && "; "}right: the moment compared with`;
   write("seen", said);
   at("seen").classList.toggle("problem", Boolean(unseen));
+  const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
+  at("switches").hidden = !turned.lamp;
+  for (const what of SWITCHES) at(what).ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[what]));
 }
 
 const lines = new Map(); // of the table, by push
@@ -526,7 +532,8 @@ at("sound").addEventListener("click", () => {
   ring();
 });
 addEventListener("resize", redraw);
-for (const what of ["stop", "reset", "repeat", "skip", "end"]) at(what).addEventListener("click", () => ask(what));
+listenForGuess(() => story, redraw);
+for (const what of ["stop", "reset", "repeat", "skip", "end", ...SWITCHES]) at(what).addEventListener("click", () => ask(what));
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled || connection === "over") return; // whatever has the focus
   event.preventDefault();
