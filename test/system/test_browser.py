@@ -248,6 +248,20 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         assert violations(page) == {}
 
 
+def test_a_report_prints_on_two_sheets(browser, recorded):
+    """Also from dark colours; all of it is text and lines, none of it a picture."""
+    with contextlib.closing(browser.new_page(color_scheme="dark")) as page:  # on paper, everything moves
+        page.goto(recorded)
+        expect(page.locator("#line .curve")).not_to_have_count(0)
+        printed = page.pdf(prefer_css_page_size=True)
+        assert len(re.findall(rb"/Type /Page\b", printed)) == 2
+        assert b"/Subtype /Image" not in printed
+        page.emulate_media(media="print")
+        assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--card')") == "#ffffff"
+        for part in ("#plane", "#friction", "#time", "#predictions", "#table", "#settings", "#trust"):
+            expect(page.locator(part)).to_be_visible()
+
+
 COUNT_TONES = """() => {
   window.tones = 0;
   const start = OscillatorNode.prototype.start;

@@ -93,7 +93,7 @@ def run_page(
         sections=[
             _predictions(estimation, data),
             Section("account", "What became of every message", "", _ledger(estimation)),
-            Section("settings", "Settings", "Those that differ from the defaults are in bold.", _settings(estimation.settings)),
+            _settings(estimation.settings),
         ],
         version=pushfric_core.__version__,
         source=estimation.source.name,
@@ -251,13 +251,15 @@ def _ledger(estimation: Estimation) -> Table:
     return Table(("", *estimation.ledger.sums()), rows)
 
 
-def _settings(settings: EstimatorSettings) -> Table:
+def _settings(settings: EstimatorSettings) -> Section:
     usual = EstimatorSettings().parameters()
     rows = []
     for name, value in sorted(settings.parameters().items()):
         text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
         rows.append([Cell(name), Cell(text, tone="" if usual.get(name) == value else "better")])
-    return Table(("setting", "value"), rows)
+    differ = any(value.tone for _, value in rows)
+    text = "Those that differ from the defaults are in bold." if differ else "All are the defaults."
+    return Section("settings", "Settings", text, Table(("setting", "value"), rows))
 
 
 def _table_of(estimation: Estimation) -> str:

@@ -250,7 +250,7 @@ class SimulatedCellNode(Node):
 
     def _health(self) -> Health:
         speed = self._elapsed / max(time.monotonic() - self._wall_start, 1e-9)
-        values = {"simulated time [s]": round(self._elapsed, 3), "multiple of real time": round(speed, 2)}
+        values: dict[str, Any] = {"simulated time [s]": round(self._elapsed, 3), "multiple of real time": round(speed, 2)}
         values |= {name: SWITCHES[name][turned] for name, turned in self._switched.items()}
         turned = "; ".join(SWITCHES[name][True] for name in SWITCHES if self._switched[name])
         return Health(Level.WARN if turned else Level.OK, turned or "simulating", values)

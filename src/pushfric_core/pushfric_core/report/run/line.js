@@ -15,8 +15,8 @@ const TRACKS = [
 const SIGNS = { bad: "✗", note: "◆", good: "✓" };
 
 /** Draw all of the run; returns where each index of a moment is, up to the last that the slider has. */
-export function drawLine(svg, run, last) {
-  const wide = Math.max(svg.clientWidth, 200), height = TOP + TRACKS.length * (TALL + LABEL) + FOOT;
+export function drawLine(svg, run, last, wide = Math.max(svg.clientWidth, 200)) {
+  const height = TOP + TRACKS.length * (TALL + LABEL) + FOOT;
   const { moments, pushes, events } = run;
   const to = (index) => PAD + (index / Math.max(1, last)) * (wide - 2 * PAD);
   const parts = [];

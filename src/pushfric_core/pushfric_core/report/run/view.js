@@ -4,7 +4,7 @@ import { drawCursors, drawLine } from "./line.js";
 import { drawCard, listenForGuess } from "./play.js";
 import { Run } from "./run.js";
 
-const RETRY_MS = 2000;
+const RETRY_MS = 2000, PAPER = 688; // width of a sheet of A4 without its margins [px]
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
 const SWITCHES = ["lamp", "unplug", "emergency_stop"]; // that a person at a simulated cell turns over
 
@@ -532,6 +532,12 @@ at("sound").addEventListener("click", () => {
   ring();
 });
 addEventListener("resize", redraw);
+addEventListener("beforeprint", () => {
+  if (!run.moments.length) return;
+  toLine = drawLine(at("line"), run, lastIndex(), PAPER); // so that its text is not made small
+  drawCursors(at("line"), run, toLine, shown(), momentOf(pinned));
+});
+addEventListener("afterprint", () => { drawn = []; redraw(); });
 listenForGuess(() => story, redraw);
 for (const what of ["stop", "reset", "repeat", "skip", "end", ...SWITCHES]) at(what).addEventListener("click", () => ask(what));
 document.addEventListener("keydown", (event) => {
