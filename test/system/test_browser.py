@@ -203,7 +203,7 @@ def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
         expect(page.locator("#comparison tbody tr").first.locator("td").nth(1)).to_have_text(first[2])
         slider.press("ArrowRight")
         expect(name).to_have_text(re.compile("^push 2, observation 1 of "))
-        expect(page.locator("#prediction_caption")).to_contain_text("° apart")
+        expect(page.locator("#prediction_caption")).to_contain_text("° off")
         expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
         expect(page.locator("#seen")).to_have_text(re.compile(r"^Taken \d+\.\d s (before|after) this moment"))
         page.locator("#compare").press("Enter")
@@ -793,7 +793,7 @@ def test_the_film_for_the_docs(browser, whole_demo):
         cast = page.context.new_cdp_session(page)
         cast.on("Page.screencastFrame", keep)
         cast.send("Page.startScreencast", {"format": "png", "maxWidth": FILM[0], "maxHeight": FILM[1]})
-        while not page.locator("#now.finished, #now.lost").count():
+        while not page.locator("#result_page:not([hidden]), #now.lost").count():
             while unanswered:  # the next image comes when this one is answered
                 cast.send("Page.screencastFrameAck", {"sessionId": unanswered.pop()})
             page.wait_for_timeout(50)

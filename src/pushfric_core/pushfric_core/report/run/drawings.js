@@ -178,14 +178,15 @@ export function drawMap(svg, story, trail = []) {
   const axes = (at, name) => [[1, 0], [0, 1]].forEach((way, axis) => {
     const ends = placed([[0, 0], way.map((value) => 0.25 * size * value)], at).map(to);
     parts.push(...arrow(ends, "frame_axis"));
-    parts.push(made("text", axis ? { x: ends[1][0] + 5, y: ends[1][1] - 5 } : { x: ends[1][0], y: ends[1][1] + 22, "text-anchor": "end" }, `${"xy"[axis]}${name}`));
+    parts.push(made("text", axis ? { x: ends[1][0] + 5, y: ends[1][1] - 5 } : { x: ends[1][0], y: ends[1][1] + 22, "text-anchor": "end" }, "xy"[axis]));
+    if (name && axis) parts.push(made("text", { x: ends[0][0] - 8, y: ends[0][1] + 6, "text-anchor": "end" }, name));
   });
   if (home) {
     parts.push(made("path", { class: "line", d: path(stroke.map(to)) }));
     parts.push(...tipMark(pusher, to(pusher.tip), scale));
   }
   if (pose) parts.unshift(made("path", { class: "outline", d: path(object.map(to), true) }));
-  axes([0, 0, 0], " table");
+  axes([0, 0, 0], "table");
   if (pose) axes(pose, "");
   if (pose && story["node/simulated_cell"]) {
     const [[u, v]] = placed([[0.25 * size, 0]], pose).map(to);
@@ -206,8 +207,8 @@ export function drawMap(svg, story, trail = []) {
     if (plan.in_place) parts.push(made("text", { class: "there", x: u, y: v + 26, "text-anchor": "middle" }, "✓ in place"));
     else if (pose) {
       parts.push(...arrow([to(pose), [u, v]], "way"));
-      const [a, b] = to(pose);
-      parts.push(made("text", { class: "way_text", x: (a + u) / 2 + 10, y: (b + v) / 2 + 18 }, inWords(distance, turn)));
+      const rows = [...ghost, ...object].map((point) => to(point)[1]), below = Math.max(...rows) + 46; // clear of all arrows
+      parts.push(made("text", { class: "way_text", x: u, y: below < height - 44 ? below : Math.min(...rows) - 12, "text-anchor": "middle" }, inWords(distance, turn)));
     }
   }
   parts.push(...drawnScale(scale, height));

@@ -161,7 +161,7 @@ function drawMoment(moment, compared) {
   const predicted = moment ?? run.moments.at(-1);
   drawPrediction(at("prediction_drawing"), outline, predicted);
   at("prediction_caption").textContent = !predicted ? "" : !predicted.predicted ? "Nothing was predicted: it is the first push" :
-    `From the pushes before, as if each motion went on for a while: ${plain(predicted.off, 1)}° apart, as (velocity of p_CF, turn)`;
+    `Predicted from the pushes before: ${plain(predicted.off, 1)}° off, of velocity and turn together. Both are drawn longer than they were.`;
 }
 
 function drawHeader() {
@@ -257,7 +257,7 @@ function drawComparison(compared, moment) {
     ["p_CF y [mm]", 2, (estimate) => 1e3 * number(believed(estimate)?.[1])],
     ["p_CF within [mm]", 2, (estimate) => 1e3 * number(estimate?.belief.radius)],
     ["μ_c", 3, (estimate) => number(estimate?.belief.mu_c?.value ?? estimate?.mu_c.p90)],
-    ["fit error / point [mm]", 3, (estimate) => (1e3 * number(estimate?.objective)) / estimate?.data_points],
+    ["fit error / observation [mm]", 3, (estimate) => (1e3 * number(estimate?.objective)) / estimate?.data_points],
     ["prediction off by [°]", 1, (_, { off }) => number(off)],
   ];
   at("comparison").tBodies[0].replaceChildren(...rows.map(([name, digits, value]) => {
