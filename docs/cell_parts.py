@@ -9,10 +9,10 @@ import sys
 
 FOLDER = pathlib.Path(__file__).parent
 
-# Sizes [mm]. Whoever needs others changes them here; parts and drawings follow.
+# Sizes [mm]. Whoever needs others changes them here: parts and drawings follow, and a test compares text and example cell.
 TIP_RADIUS, TIP_LENGTH, TIP_BORE = 5.0, 30.0, 4.3  # the bore takes an M4 screw
 PLATE, PLATE_HEIGHT, HOLE, PITCH = (120.0, 80.0), 6.0, 6.4, 20.0  # the holes take M6 screws, the loads, and the feet
-FOOT_RADIUS, FOOT_HEIGHT, PEG = 5.0, 3.0, 6.1
+FOOT_RADIUS, FOOT_HEIGHT, PEG = 5.0, 3.0, 6.5  # the peg is pressed into its hole
 STROKE, CAMERA_HEIGHT, VIEW = 60.0, 800.0, (400.0, 300.0)
 HOLES = [(PITCH * column, PITCH * row) for column in (-2, -1, 0, 1, 2) for row in (-1, 0, 1)]
 CORNERS = 48  # of a circle
@@ -129,7 +129,7 @@ def wiring() -> str:
         (20, 270, "lamp", "its own supply"),
         (250, 40, "controller", "GRBL 1.1, grblHAL"),
         (250, 160, "home switch", "opens at the end"),
-        (480, 40, "driver, motor", "step, direction"),
+        (480, 40, "driver, motor", "D2, D5 or 2, 3"),
         (480, 160, "emergency stop", "two contacts that open"),
         (480, 270, "supply 24 V", "for motors alone"),
     ):
@@ -143,12 +143,20 @@ def wiring() -> str:
         line("410 67H480", arrow=True),
         line("100 160V94", arrow=True),
         line("330 160V94", arrow=True),
-        text(338, 132, "limit", "pale left"),
+        text(338, 132, "D9 or 20", "pale left"),
         line("560 270V214", "power", arrow=True),
+        box(545, 230, 30, 24),
+        text(536, 247, "fuse 1 A", "pale end"),
+        line("480 297H250V310"),
+        line("235 310H265"),
+        line("240 316H260"),
+        line("245 322H255"),
+        text(278, 290, "earth, at one point", "pale left"),
+        text(278, 318, "with rail and table frame", "pale left"),
         line("560 160V94", "power", arrow=True),
         text(568, 132, "power", "pale left"),
         line("480 187H440V80H410", "", arrow=True),
-        text(448, 132, "reset", "pale left"),
+        text(448, 132, "A0 or 14", "pale left"),
         *parts,
     )
 

@@ -241,7 +241,7 @@ WAITS = {
 GOES_ON = {
     "frames in the wrong order": "nothing happens, or the run says what and ends with 1",
     "every frame twice": "nothing happens",
-    "clock set back for a second": "nothing is believed meanwhile; what is missing is said",
+    "clock set back for a second": "what was measured meanwhile is not used, and the result says so",
 }
 CAMERA_CASES = [
     *(Case(f"camera: {name}", SEEN, (130,), says, camera=name, interrupt=True, aborts=UNSEEN,

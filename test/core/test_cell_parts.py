@@ -6,6 +6,7 @@ import re
 import sys
 
 import pytest
+import yaml
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 
@@ -58,9 +59,30 @@ def test_the_parts_can_be_printed(cell_parts, tmp_path):
     assert parts["foot"].extents[2] == pytest.approx(cell_parts.FOOT_HEIGHT + cell_parts.PLATE_HEIGHT - 1)
 
 
-def test_a_peg_fits_its_hole(cell_parts):
-    assert 0.1 < cell_parts.HOLE - cell_parts.PEG < 0.5
+def test_a_peg_is_pressed_into_its_hole_which_a_screw_passes(cell_parts):
+    assert 0.0 < cell_parts.PEG - cell_parts.HOLE <= 0.2
+    assert cell_parts.HOLE > 6.0
+    assert cell_parts.TIP_RADIUS > cell_parts.TIP_BORE / 2 + 1.0
     wide, deep = cell_parts.PLATE
     assert all(
         abs(x) + cell_parts.FOOT_RADIUS < wide / 2 and abs(y) + cell_parts.FOOT_RADIUS < deep / 2 for x, y in cell_parts.HOLES
     )
+
+
+def test_text_and_example_cell_have_the_sizes_of_the_parts(cell_parts):
+    p = cell_parts
+    text = " ".join((DOCS / "hardware.md").read_text(encoding="utf-8").split())
+    for said in (
+        f"radius {p.TIP_RADIUS:g} mm, {p.TIP_LENGTH:g} mm long, with a bore of {p.TIP_BORE:g} mm",
+        f"{p.PLATE[0]:g} x {p.PLATE[1]:g} x {p.PLATE_HEIGHT:g} mm with {len(p.HOLES)} holes of {p.HOLE:g} mm",
+        f"a foot, {p.FOOT_HEIGHT:g} mm high, with a peg of {p.PEG:g} mm",
+        f"{p.CAMERA_HEIGHT:g} mm over the table, a field of {p.VIEW[0]:g} x {p.VIEW[1]:g} mm",
+        f"stroke {p.STROKE:g} mm or more",
+    ):
+        assert said in text
+    cell, model = (yaml.safe_load((DOCS / "example_cell" / name).read_text()) for name in ("cell.yaml", "object.yaml"))
+    assert cell["pusher"]["tip_radius"] == pytest.approx(1e-3 * p.TIP_RADIUS)
+    assert cell["pusher"]["stroke"] == pytest.approx(1e-3 * p.STROKE)
+    assert model["height"] == pytest.approx(1e-3 * (p.PLATE_HEIGHT + p.FOOT_HEIGHT))
+    sides = [max(side) - min(side) for side in zip(*model["outline"], strict=True)]
+    assert sides == pytest.approx([1e-3 * side for side in p.PLATE])

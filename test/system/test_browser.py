@@ -19,10 +19,11 @@ import cv2
 import numpy as np
 import pytest
 from axe import AXE, WATCH_SHIFTS, restless, violations
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
 from PIL import Image
 from playwright.sync_api import Browser, Page, expect
+from std_msgs.msg import String
 
 from pushfric_core.bags.samples import pose_from_msg
 from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
@@ -202,7 +203,7 @@ def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
         expect(page.locator("#comparison tbody tr").first.locator("td").nth(1)).to_have_text(first[2])
         slider.press("ArrowRight")
         expect(name).to_have_text(re.compile("^push 2, observation 1 of "))
-        expect(page.locator("#prediction_caption")).to_contain_text("° apart")
+        expect(page.locator("#prediction_caption")).to_contain_text("° off")
         expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
         expect(page.locator("#seen")).to_have_text(re.compile(r"^Taken \d+\.\d s (before|after) this moment"))
         page.locator("#compare").press("Enter")
@@ -245,6 +246,20 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         assert page.evaluate("document.documentElement.scrollWidth") == width
         assert page.evaluate(TOO_NARROW) == []
         assert violations(page) == {}
+
+
+def test_a_report_prints_on_two_sheets(browser, recorded):
+    """Also from dark colours; all of it is text and lines, none of it a picture."""
+    with contextlib.closing(browser.new_page(color_scheme="dark")) as page:  # on paper, everything moves
+        page.goto(recorded)
+        expect(page.locator("#line .curve")).not_to_have_count(0)
+        printed = page.pdf(prefer_css_page_size=True)
+        assert len(re.findall(rb"/Type /Page\b", printed)) == 2
+        assert b"/Subtype /Image" not in printed
+        page.emulate_media(media="print")
+        assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--card')") == "#ffffff"
+        for part in ("#plane", "#friction", "#time", "#predictions", "#table", "#settings", "#trust"):
+            expect(page.locator(part)).to_be_visible()
 
 
 COUNT_TONES = """() => {
@@ -424,6 +439,83 @@ def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
         turn = pose_from_msg(where[-1].pose).theta
         map_.press("Shift+ArrowRight")
         ros.wait_for(lambda: pose_from_msg(where[-1].pose).theta == pytest.approx(turn - 0.05, abs=2e-3), PATIENCE, "a turn")
+
+
+def test_the_game_turns_its_cards_by_what_happens_in_the_cell(browser, ros):
+    """By keys alone; p_CF is hidden until it is guessed."""
+    cell = ros.node("simulated_cell", namespace="/played")
+    plan = cell.create_publisher(PlanProgress, "plan_progress", LATCHED)
+    fault = cell.create_publisher(String, "pusher_fault", LATCHED)
+    observations = cell.create_publisher(Observation, "observation", RELIABLE)
+    estimates = cell.create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
+    health = cell.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
+    lamp = ["on"]
+
+    def report() -> None:
+        values = [KeyValue(key="lamp", value=f"the lamp is {lamp[0]}")]
+        nodes = (DiagnosticStatus(name="/played/simulated_cell", values=values), DiagnosticStatus(name="/played/tracker"))
+        health.publish(DiagnosticArray(status=list(nodes)))
+
+    def turn_over(msg: String) -> None:
+        assert msg.data == "lamp"
+        lamp[0] = "off" if lamp[0] == "on" else "on"
+
+    cell.create_subscription(String, "switch", turn_over, RELIABLE)
+    cell.create_timer(0.1, report)
+    placing, pushing, finished = PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING, PlanProgress.PHASE_FINISHED
+
+    def go_on(phase: int, completed: int = 0, **more: int) -> None:
+        plan.publish(PlanProgress(phase=phase, count=7, completed=completed, push_id=completed, message="go on", **more))
+
+    played = overrides({"object": OBJECT, "played": True})
+    view = ros.compose(ViewNode(namespace="/played", parameter_overrides=played))
+    ros.wait_for(estimates.get_subscription_count, PATIENCE, "the view's subscription")
+    with visit(browser, view.url) as page:
+        card = page.locator("#card")
+
+        def shows(title: str) -> None:
+            expect(card).to_contain_text(f": {title}. ")
+
+        go_on(placing)
+        shows("Place")
+        go_on(placing, in_place=True)
+        shows("Push")
+        go_on(placing, completed=1)
+        shows("Stop")
+        go_on(pushing, completed=1)
+        fault.publish(String(data="stopped"))
+        shows("Go on")
+        fault.publish(String(data="none"))
+        go_on(placing, completed=1, aborted=1)
+        shows("Darkness")
+        page.locator("#lamp").press("Enter")
+        shows("Light")
+        expect(page.locator("#lamp")).to_have_attribute("aria-pressed", "true")
+        page.locator("#lamp").press("Enter")
+        shows("Guess")
+        observation = Observation(push_id=2, contact_normal=Vector3(y=-1.0))
+        observation.twist.linear.y = 0.02
+        observations.publish(observation)
+        estimate = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object=OBJECT)
+        estimate.center_of_friction.x = 0.007
+        estimates.publish(estimate)
+        expect(page.locator("#drawing .center")).to_have_count(1)
+        expect(page.locator("#drawing .center")).to_be_hidden()
+        expect(page.locator("#guess")).to_be_hidden()
+        go_on(placing, completed=3, aborted=1)
+        expect(page.locator("#guess")).to_be_disabled()
+        for _ in range(4):
+            page.locator("#drawing").press("ArrowRight")
+        page.locator("#guess").press("Enter")
+        shows("Cheat")
+        expect(card).to_contain_text("You guessed p_CF 3.0 mm from where pushfric says")
+        expect(page.locator("#drawing .center")).to_be_visible()
+        go_on(pushing, completed=3, aborted=1)
+        go_on(placing, completed=3, aborted=2)
+        shows("Found")
+        go_on(finished, completed=3, aborted=2)
+        shows("Result")
+        assert violations(page) == {}
 
 
 def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
@@ -701,7 +793,7 @@ def test_the_film_for_the_docs(browser, whole_demo):
         cast = page.context.new_cdp_session(page)
         cast.on("Page.screencastFrame", keep)
         cast.send("Page.startScreencast", {"format": "png", "maxWidth": FILM[0], "maxHeight": FILM[1]})
-        while not page.locator("#now.finished, #now.lost").count():
+        while not page.locator("#result_page:not([hidden]), #now.lost").count():
             while unanswered:  # the next image comes when this one is answered
                 cast.send("Page.screencastFrameAck", {"sessionId": unanswered.pop()})
             page.wait_for_timeout(50)

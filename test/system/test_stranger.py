@@ -144,7 +144,7 @@ def test_a_stranger_carries_out_a_plan(browser, ros, run, tmp_path):
     expect(status).to_contain_text(f"Push {MISPLACED + 1} of {PUSHES}: place the object at")
     hands.lay(beside=0.05)
     expect(page.locator("#place")).to_contain_text(re.compile("Lay it onto the dashed outline: .*mm.* to go"))
-    expect(status).to_contain_text(re.compile("it lies about .0 mm off"))
+    expect(status).to_contain_text(re.compile("move it by about .0 mm"))
     hands.lay(beside=0.0)
     expect(status).to_contain_text(f"Push {MISPLACED + 2} of {PUSHES}")
 

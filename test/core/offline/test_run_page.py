@@ -1,16 +1,19 @@
 """The page of a run: everything is in it, and the files that it offers are those that other commands read."""
 
+import asyncio
+import functools
 import http.client
 import json
+import operator
 import pathlib
 import re
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from calls import printed
+from tornado.websocket import websocket_connect
 
 BAG = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
 
@@ -63,26 +66,45 @@ def test_the_page_holds_every_moment_of_the_run(page):
 
 
 def test_view_serves_the_page_on_this_machine_alone():
+    """Without waiting for what takes long: pushes, then estimates, then what only the end tells."""
     command = [sys.executable, "-m", "pushfric_core", "view", str(BAG), "--port", "0"]
+
+    async def shown(url: str) -> list[dict]:
+        socket = await websocket_connect(f"{url.replace('http', 'ws')}live")
+        parcels = []
+        while not (parcels and parcels[-1].get("reported")):
+            (parcel,) = json.loads(await asyncio.wait_for(socket.read_message(), 60)).values()
+            parcels.append(parcel)
+        return parcels
+
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as view:
         try:
             assert view.stderr is not None
             url = next(line.split()[1] for line in view.stderr if line.startswith("view: "))
 
-            def answer(host: str, status: int = http.HTTPStatus.OK) -> str:
+            def answer(host: str, page: str = "/", status: int = http.HTTPStatus.OK) -> str:
                 asked = http.client.HTTPConnection(url.split("/")[2], timeout=60)
-                asked.request("GET", "/", headers={"Host": host} if host else {})
+                asked.request("GET", page, headers={"Host": host} if host else {})
                 answered = asked.getresponse()
                 assert answered.status == status
                 return answered.read().decode()
 
-            assert f"Reading {BAG}" in answer("")  # at once; it loads itself again
-            assert f"{BAG}" not in answer("elsewhere.example", http.HTTPStatus.FORBIDDEN)
-            while "Reading" in (shown := answer("localhost")):
-                time.sleep(0.1)
-            assert "moment/71" in shown
-            assert answer("") == shown
-            assert "moment" not in answer("elsewhere.example", http.HTTPStatus.FORBIDDEN)
+            assert "Waiting for the run" in answer("localhost")
+            parcels = asyncio.run(shown(url))
+            assert parcels[0]["recorded"]
+            assert parcels[-1]["reading"] is None
+            observed = next(parcel for parcel in parcels if "moment/71" in parcel)
+            estimated = [parcel for parcel in parcels if parcel.get("moment/71", {}).get("after")]
+            assert (observed["moment/71"]["after"] is None) == (observed not in estimated)
+            whole = told(answer("", "/report.html"))
+            for parcel in parcels:
+                del parcel["reading"]
+            story = functools.reduce(operator.or_, parcels)
+            assert {key: story.get(key) for key in whole if "picture" not in key} == {
+                key: value for key, value in whole.items() if "picture" not in key
+            }
+            for page in ("/", "/report.html"):
+                assert str(BAG) not in answer("elsewhere.example", page, http.HTTPStatus.FORBIDDEN)
         finally:
             view.send_signal(signal.SIGINT)
         assert view.wait(60) == 130

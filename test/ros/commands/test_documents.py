@@ -56,7 +56,7 @@ NOT_RUN = {
     "ros2 launch foxglove_bridge": "a package that is not part of pushfric",
     "sudo apt": "root",
     "dask": "several machines; test_many.py has a cluster",
-    "curl": "a run with a view; test_view_server.py asks its server the same",
+    "curl": "a run with a view; test_run_server.py asks its server the same",
     "python3 examples/push_to_pose.py": "minutes; test_planning_examples.py runs it with fewer strokes",
     "export ROS": "nothing to check: it sets variables of ROS 2",
     "chmod": "keys that ROS 2 made",

@@ -63,7 +63,7 @@ def test_what_leads_a_run_waits_for_the_view(specs):
     shown = {spec.name: spec for spec in graph.with_view(specs, "wood_rect4", ViewConfig(port=9000))}
     given = shown["view"].parameters
     assert pathlib.Path(given.pop("report")).parts[-2:] == ("bag", "report.html")
-    assert given == {"object": "wood_rect4", "host": "127.0.0.1", "port": 9000, "token": ""}
+    assert given == {"object": "wood_rect4", "played": False, "host": "127.0.0.1", "port": 9000, "token": ""}
     assert shown["experiment"].parameters["awaits"] == ["estimator", "recorder", "view"]
     source = ObservationSource("poses", "/cell", ("a", "b"))
     replay = graph.with_view(graph.replay("bag", "object", source, 1.0, EstimatorSettings()), "object", ViewConfig())

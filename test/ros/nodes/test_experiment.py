@@ -239,9 +239,9 @@ def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     assert table.wait_for_message("waiting for: recorder").phase == PlanProgress.PHASE_WAITING
     assert not table.call("experiment/skip")  # there is no push to give up yet
     wanted, table.object = table.object, AWAY
-    ros.wait_for(lambda: table.node._misplaced(wanted) == "it lies about 260 mm off")
+    ros.wait_for(lambda: table.node._misplaced(wanted) == "move it by about 260 mm")
     table.well.append("/cell/recorder")
-    table.wait_for_message("it lies about 260 mm off")
+    table.wait_for_message("move it by about 260 mm")
     life.end()  # the node has died, and is started again
     ros.wait_for(lambda: table.node._unwell() == "estimator", 60.0, what="the silence of the estimator")
     table.object = wanted
@@ -255,7 +255,7 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     table = Table(ros, tmp_path)
     table.obedient = False
     table.object = Pose(0.5, 0.5, 0.0)
-    table.wait_for_message("mm off")
+    table.wait_for_message("move it by about")
     wanted = table.wanted[0]
     table.visible = False
     table.wait_for_message("it is not seen")
@@ -267,9 +267,9 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     table.wait_for_message(f": {reason}")
     said.cancel()
     table.object, table.visible = wanted._replace(theta=wanted.theta + 0.7), True
-    table.wait_for_message(": it is turned 40 degrees too far")
+    table.wait_for_message(": turn it clockwise by about 40 degrees")
     table.object = wanted._replace(y=wanted.y + 0.02, theta=wanted.theta + 1.3)
-    table.wait_for_message("it lies about 20 mm off and is turned 70 degrees too far")
+    table.wait_for_message("move it by about 20 mm and turn it clockwise by about 70 degrees")
     table.object = wanted
     table.wait_for_message("let it lie still")
     assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)

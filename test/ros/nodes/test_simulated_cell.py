@@ -1,32 +1,45 @@
-"""The simulated cell's clock waits for the actuator."""
+"""The simulated cell: its clock waits for the actuator, and a person can turn its switches over."""
 
 import os
 import select
 import types
 
+import numpy as np
+import pytest
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.node_kit.parameters import overrides
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes import simulated_cell
 
 PERIOD = 0.05  # of the questions, in simulated time [s]
 
 
-def test_the_clock_does_not_run_ahead_of_the_reports_of_a_moving_pusher(ros, tmp_path, monkeypatch):
-    """The world of a starved actuator moves slowly, instead of between two reports."""
+@pytest.fixture
+def parameters(tmp_path):
     save_camera(Camera.looking_down(64, 48, center=(0.0, 0.0), metres_per_pixel=0.006), tmp_path / "camera.yaml")
     stage = {"line_origin": [0.0, 0.0], "line_direction": [0.0, 1.0], "tip_radius": 0.003, "stroke": 0.06, "max_speed": 0.1}
     place = {"object": "rubber_rect4", "calibration": str(tmp_path / "camera.yaml"), "port_link": str(tmp_path / "tty")}
-    parameters = {**stage, **place, "poll_rate": 1 / PERIOD}
+    return {**stage, **place, "poll_rate": 1 / PERIOD}
+
+
+def hear(port: int, what: bytes) -> bytes:
+    """What the controller says, until it has said this."""
+    said = b""
+    while what not in said:
+        assert select.select([port], [], [], 60.0)[0], f"{what!r} did not come, only {said!r}"
+        said += os.read(port, 4096)
+    return said
+
+
+def test_the_clock_does_not_run_ahead_of_the_reports_of_a_moving_pusher(ros, tmp_path, parameters, monkeypatch):
+    """The world of a starved actuator moves slowly, instead of between two reports."""
     wall = [0.0]
     monkeypatch.setattr(simulated_cell, "time", types.SimpleNamespace(monotonic=lambda: wall[0]))
     node = simulated_cell.SimulatedCellNode(parameter_overrides=overrides(parameters))
     port = os.open(tmp_path / "tty", os.O_RDWR | os.O_NOCTTY)
-
-    def hear(what: bytes) -> None:
-        said = b""
-        while what not in said:
-            assert select.select([port], [], [], 60.0)[0], f"{what!r} did not come, only {said!r}"
-            said += os.read(port, 4096)
 
     def steps(count: int) -> int:
         begin = node._steps
@@ -35,15 +48,15 @@ def test_the_clock_does_not_run_ahead_of_the_reports_of_a_moving_pusher(ros, tmp
         return node._steps - begin
 
     try:
-        hear(b"Grbl")
+        hear(port, b"Grbl")
         assert steps(100) == 100  # at rest
         os.write(port, b"$J=G91 G21 X50 F600\n")
-        hear(b"ok")
+        hear(port, b"ok")
         os.write(port, b"?")
-        hear(b"<Jog")
+        hear(port, b"<Jog")
         assert PERIOD < steps(100) * node._period < 2 * PERIOD
         os.write(port, b"?")
-        hear(b"<Jog")
+        hear(port, b"<Jog")
         assert PERIOD < steps(100) * node._period < 2 * PERIOD
         wall[0] += 1.0  # nobody waits for ever for an actuator that has stopped
         assert steps(100) == 1
@@ -52,3 +65,52 @@ def test_the_clock_does_not_run_ahead_of_the_reports_of_a_moving_pusher(ros, tmp
         assert steps(100) == 100
     finally:
         node.destroy_node()
+
+
+def test_a_person_switches_the_lamp_off_unplugs_the_camera_and_presses_the_emergency_stop(ros, tmp_path, parameters):
+    """Each again, too: until the emergency stop is released, nothing moves, whatever is asked."""
+    node = ros.compose(simulated_cell.SimulatedCellNode(parameter_overrides=overrides(parameters)))
+    person = ros.node("person")
+    images: list[Image] = []
+    person.create_subscription(Image, "image_raw", images.append, SENSOR_DATA)
+    port = os.open(tmp_path / "tty", os.O_RDWR | os.O_NOCTTY)
+
+    switch = person.create_publisher(String, "switch", RELIABLE)
+    ros.wait_for(switch.get_subscription_count, what="the cell's subscription")
+
+    def turn_over(name: str, says: str) -> None:
+        switch.publish(String(data=name))
+        ros.wait_for(lambda: says in node._health().values.values(), what=says)
+
+    def brightness() -> float:
+        images.clear()
+        ros.wait_for(lambda: len(images) > 1, what="two images")
+        return float(np.mean(images[-1].data))
+
+    try:
+        hear(port, b"Grbl")
+        lit = brightness()
+        turn_over("lamp", "the lamp is off")
+        ros.wait_for(lambda: brightness() < 0.2 * lit, what="darkness")
+        assert node._health().message == "the lamp is off"
+        turn_over("lamp", "the lamp is on")
+        ros.wait_for(lambda: brightness() > 0.8 * lit, what="light")
+        turn_over("unplug", "the camera is unplugged")
+        images.clear()
+        begin = node._steps
+        ros.wait_for(lambda: node._steps > begin + 20, what="five frames' time")
+        assert len(images) <= 1  # one may have been on its way
+        turn_over("unplug", "the camera is plugged in")
+        brightness()
+        os.write(port, b"$J=G91 G21 X50 F600\n")
+        hear(port, b"ok")
+        turn_over("emergency_stop", "the emergency stop is pressed")
+        assert b"ALARM:3" in hear(port, b"Grbl")
+        rested = node._grbl.position()
+        os.write(port, b"$X\n$J=G91 G21 X50 F600\n")
+        hear(port, b"Grbl")
+        assert node._grbl.position() - rested < 0.001
+        turn_over("emergency_stop", "the emergency stop is released")
+        assert node._health().message == "simulating"
+    finally:
+        os.close(port)

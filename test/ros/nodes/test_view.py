@@ -265,6 +265,6 @@ def test_a_taken_port_is_refused_in_one_line(ros):
     cell = Cell(ros)
     port = int(cell.url.rpartition(":")[2].rstrip("/"))
     for parameters, said in (({"port": port}, "Address already in use"), ({"host": "no-such-host.invalid"}, "no-such-host")):
-        with pytest.raises(InvalidInput, match=f"^the view cannot be served at .*{said}") as refusal:
+        with pytest.raises(InvalidInput, match=f"^the page cannot be served at .*{said}") as refusal:
             ViewNode(namespace="/cell", parameter_overrides=overrides({"object": "rubber_rect4", **parameters}))
         assert "\n" not in str(refusal.value)

@@ -212,6 +212,7 @@ class ShownConfig:
     """The recorded run that the view shows. From the graph."""
 
     report: str = setting("", "file of the page that the run leaves behind; empty: none")
+    played: bool = setting(False, "the page teaches how to operate the cell, card by card")
 
 
 class Images(enum.Enum):

@@ -1,6 +1,7 @@
 """The estimate from a bag or CSV."""
 
 import pathlib
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -59,7 +60,13 @@ class Estimation(NamedTuple):
         return make_model(self.model, self.result, str(self.source), self.settings)
 
 
-def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_course: bool = False) -> Estimation:
+def estimate_from(
+    source: pathlib.Path,
+    choices: Choices,
+    warn: Warn,
+    whole_course: bool = False,
+    on_data: Callable[[ObjectModel, list[Observation]], None] = lambda model, data: None,
+) -> Estimation:
     """The estimate with which a live run over the same data would end.
 
     Args:
@@ -67,6 +74,7 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
         choices: what the caller chose.
         warn: called with a line for each refused message or observation, note of the verdict, and contradiction.
         whole_course: keep the estimates after each observation.
+        on_data: called with what was read, before anything is estimated.
     Raises:
         InvalidInput: the input, or a file that the choices name, is unusable.
         DamagedBag: messages are missing from the bag.
@@ -78,6 +86,7 @@ def estimate_from(source: pathlib.Path, choices: Choices, warn: Warn, whole_cour
     reading = recorded.read(model, settings, warn, choices.partial)
     estimator = settings.new_estimator(model.support_points)
     data = batch.usable_by(estimator, reading.observations, warn)
+    on_data(model, data)
     course = _course(estimator, data, whole_course)
     verdict = course[-1].verdict
     reading.settle(estimator)

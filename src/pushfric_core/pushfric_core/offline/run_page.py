@@ -11,7 +11,7 @@ import pathlib
 import re
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
+from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.geometry.table_1 import TableObject
 from pushfric_core.mechanics.prediction import FrictionModel, foretold
 from pushfric_core.offline.estimation import Estimation
@@ -50,24 +51,33 @@ FAULT = "pusher_fault"
 TOLD = {PLAN: TYPES[PLAN], FAULT: "std_msgs/msg/String", KEYFRAMES: "sensor_msgs/msg/CompressedImage"}
 """Topics about a run besides its data, with their types."""
 
-MODULES = ("drawings", "line", "run", "view")
+MODULES = ("drawings", "line", "play", "run", "view")
 """Modules of the page, each after those that it imports."""
 
 FEWEST_LEARNT = 4
 """With fewer pushes to learn from, nothing is predicted."""
 
 
-def run_page(estimation: Estimation, file: pathlib.Path | None = None, namespace: str | None = None) -> str:
+Show = Callable[[Change, bytes], None]
+
+
+def run_page(
+    estimation: Estimation,
+    file: pathlib.Path | None = None,
+    namespace: str | None = None,
+    show: Show = lambda change, jpeg: None,
+) -> str:
     """The page of an estimate: that of a live run with all of it inside, and what only its end can show.
 
     Args:
         estimation: with the estimates after each observation.
         file: where the page will lie; its link to the recorded data counts from there. None: nowhere.
         namespace: of the cell; None: a bag has only one.
+        show: called with each change of the story, and the picture that it tells of, if any, as soon as it is known.
     """
+    told, pictures = _told(estimation, namespace, show)
     data = list(estimation.estimator.observations)
     drawing = _drawing(estimation)
-    told, pictures = _told(estimation, namespace)
     for key, jpeg in pictures.items():
         told[key]["src"] = _inline("image/jpeg", jpeg)
     downloads = {
@@ -83,7 +93,7 @@ def run_page(estimation: Estimation, file: pathlib.Path | None = None, namespace
         sections=[
             _predictions(estimation, data),
             Section("account", "What became of every message", "", _ledger(estimation)),
-            Section("settings", "Settings", "Those that differ from the defaults are in bold.", _settings(estimation.settings)),
+            _settings(estimation.settings),
         ],
         version=pushfric_core.__version__,
         source=estimation.source.name,
@@ -123,23 +133,33 @@ def _whole(story: Change, sections: str, doubts: Sequence[Doubt]) -> str:
     return whole
 
 
-def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[str, bytes]]:
-    """The whole story of a run, and its pictures by their keys."""
-    first = next((one.stamp for one in estimation.data if one.stamp), 0)
+def beginning(model: ObjectModel, data: Sequence[Observation]) -> tuple[Story, Change]:
+    """A story of recorded observations, and the change with which it begins."""
+    first = next((one.stamp for one in data if one.stamp), 0)
     when = time.strftime(" %Y-%m-%d", time.gmtime(first * 1e-9)) if first > EARLIEST else ""
-    story, told, pictures = Story(estimation.model, f"recorded{when}"), Change(), dict[str, bytes]()
+    story = Story(model, f"recorded{when}")
+    return story, story.begin() | {"recorded": True}
+
+
+def _told(estimation: Estimation, namespace: str | None, show: Show) -> tuple[Change, dict[str, bytes]]:
+    """The whole story of a run, and its pictures by their keys."""
+    story, begun = beginning(estimation.model, estimation.data)
+    told, pictures = Change(), dict[str, bytes]()
     data = zip(estimation.data, estimation.course, strict=True)
     following = next(data, None)
     believed = {id(estimation.course[k]) for k in with_belief(estimation.course)}
     belief: FrictionModel | None = None  # after the last push, or one of those before
 
-    def tell(change: Change) -> None:
+    def tell(change: Change, jpeg: bytes = b"") -> None:
+        show(change, jpeg)
         for key, value in change.items():
             if value is None and key != "estimate":
                 del told[key]
                 pictures.pop(key, None)
             else:
                 told[key] = value
+                if jpeg and key.startswith("picture/"):
+                    pictures[key] = jpeg
 
     def go_on(stamp: float) -> None:
         nonlocal following, belief
@@ -149,9 +169,11 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
             following = next(data, None)
             if id(estimate) in believed:
                 belief = estimate.belief
-            tell(story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief)))
+            tell(story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief)) | final)
 
-    tell(story.begin())
+    friction = FrictionReport.of(estimation.result, estimation.result.belief)
+    final = {"estimate": with_histogram(estimation.figures(), friction)}
+    tell(begun | final)
     for name, msg in _recorded(estimation.source, namespace):
         if name == FAULT:
             tell(story.on_fault(msg.data))
@@ -159,16 +181,12 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
         stamp = stamp_from_msg(msg.header.stamp)
         go_on(stamp)
         if name == KEYFRAMES:
-            change = story.on_picture(stamp, len(msg.data))
-            pictures |= {key: bytes(msg.data) for key, value in change.items() if value}
+            tell(story.on_picture(stamp, len(msg.data)), bytes(msg.data))
         else:
-            change = story.on_plan(msg)
-        tell(change)
+            tell(story.on_plan(msg))
     go_on(math.inf)
     tell(story.on_settings(estimation.settings.to_text()))
-    return told | {
-        "estimate": with_histogram(estimation.figures(), FrictionReport.of(estimation.result, estimation.result.belief))
-    }, pictures
+    return told, pictures
 
 
 def _recorded(source: pathlib.Path, namespace: str | None) -> Iterator[tuple[str, Any]]:
@@ -233,13 +251,15 @@ def _ledger(estimation: Estimation) -> Table:
     return Table(("", *estimation.ledger.sums()), rows)
 
 
-def _settings(settings: EstimatorSettings) -> Table:
+def _settings(settings: EstimatorSettings) -> Section:
     usual = EstimatorSettings().parameters()
     rows = []
     for name, value in sorted(settings.parameters().items()):
         text = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
         rows.append([Cell(name), Cell(text, tone="" if usual.get(name) == value else "better")])
-    return Table(("setting", "value"), rows)
+    differ = any(value.tone for _, value in rows)
+    text = "Those that differ from the defaults are in bold." if differ else "All are the defaults."
+    return Section("settings", "Settings", text, Table(("setting", "value"), rows))
 
 
 def _table_of(estimation: Estimation) -> str:

@@ -1,1 +1,1 @@
-"""Pages that a browser shows: their server, and what a person clicks or draws there over a picture."""
+"""Pages that a browser shows: their servers, that of a run among them, and what a person clicks or draws over a picture."""

@@ -206,4 +206,4 @@ def _bound(config: ViewConfig) -> list[Any]:
     except (OSError, UnicodeError) as error:
         where = f"{config.host}:{config.port or VIEW_PORT}"
         why = getattr(error, "strerror", None) or str(error)
-        raise InvalidInput(f"the view cannot be served at {where}: {why}; choose another with --view HOST:PORT") from error
+        raise InvalidInput(f"the page cannot be served at {where}: {why}; choose another port") from error

@@ -3,6 +3,8 @@
 The story is one flat dict; a change is a part of it. A value of None removes a key. Units are SI, frames as in the messages.
 
     cell, object     where the run comes from, the object's name, and its outline
+    recorded         whether the run is over
+    reading          how much of a recorded run has been read, in words; nothing: all of it
     estimate         the present estimate as the command line's JSON names it, with mu_c's histogram; None: no data yet
     moment/N         an observation: what was seen, what had been predicted, and the estimate after it
     push/ID          a push: whether it was left out or aborted
@@ -10,6 +12,7 @@ The story is one flat dict; a change is a part of it. A value of None removes a 
     picture/N        an image that was kept: its time, and the observations before it
     support/NAME     the support points of an object
     plan             the last plan_progress
+    played           whether the page teaches, card by card
     report           file of the page that the run leaves behind; empty: none
     fault            why the pusher has stopped
     node/NAME        the last diagnostics of a node

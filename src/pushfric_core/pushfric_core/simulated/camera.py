@@ -40,6 +40,7 @@ class SimulatedCamera:
         shadow: tuple[float, float, float] | None = None,
     ) -> None:
         self.camera = camera
+        self.lit = True  # by the lamp
         self._height = height
         self._rng = rng
         self._blur_px = blur_px
@@ -60,8 +61,8 @@ class SimulatedCamera:
 
     def render(self, pose: Pose | None) -> Image:
         """The frame (height, width) with the object at `pose` in the table frame; None: without the object."""
-        frame = self._table.copy()
-        if pose is not None:
+        frame = self._table.copy() if self.lit else np.zeros_like(self._table)
+        if pose is not None and self.lit:
             self._draw(frame, self.camera.project(transform(pose, self._outline), self._height))
         row, column = self._rng.integers(0, _NOISE_MARGIN_PX, 2)
         crop = np.s_[row : row + self.camera.height, column : column + self.camera.width]

@@ -120,6 +120,13 @@ class SimulatedGrbl(SerialController):
                 self._deaf = True
                 self._say("[MSG:Reset to continue]")
 
+    def hold_in_reset(self) -> None:
+        """The reset input is closed, as by an emergency stop: a carriage that moves stops at once, its position in doubt."""
+        with self._lock:
+            self._advance()
+            if self._motion is not None:
+                self._boot()
+
     def hit_limit(self) -> None:
         """A hard limit switch closes."""
         self.alarm(1)

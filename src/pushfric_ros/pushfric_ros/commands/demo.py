@@ -12,9 +12,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from pushfric_core.cell.cell_file import CellFile
-from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, ViewConfig
+from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, SimulationConfig, ViewConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.cell_options import AUTO_VIEW, HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.json_option import JsonOption, write_json
@@ -42,6 +42,12 @@ from pushfric_ros.messages.markers import center_of_friction_from
 SPEED: float = SimulatedRunConfig.speed
 """Multiple of real time at which the simulated cell runs."""
 
+SHOWN, GUESSED = "rubber_rect4", "delrin_rect_right"
+"""Objects: one whose p_CF is in its middle, and one where it is not, so that it is worth a guess."""
+
+PLAYED, ASIDE = 7, 0.03
+"""Number of pushes of a game, and how far beside its place the object is laid, for a person to put it right [m]."""
+
 app = Application()
 
 
@@ -52,7 +58,9 @@ def demo(
     planner: PlannerFlag = False,
     json: JsonOption = None,
     seed: Annotated[int, option(SimulatedRunConfig, "seed")] = SimulatedRunConfig.seed,
-    object_name: Annotated[str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.")] = "rubber_rect4",
+    object_name: Annotated[
+        str, typer.Option("--object", help=f"One of {', '.join(TABLE_1)}.", show_default=f"{SHOWN}, or {GUESSED} with --play")
+    ] = "",
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/demo-DATE")
     ] = None,
@@ -60,7 +68,9 @@ def demo(
         pathlib.Path | None, typer.Option(help="Push plan YAML.", show_default="as many as the paper's, four of which slip")
     ] = None,
     choose: Annotated[int, option(PlanConfig, "choose")] = PlanConfig.choose,
+    play: Annotated[bool, typer.Option("--play", help="Be the operator, in a browser: a game of five minutes.")] = False,
 ) -> None:
+    object_name = object_name or (GUESSED if play else SHOWN)
     if object_name not in TABLE_1:
         raise InvalidInput(f"no object {object_name!r} in the simulated cell; expected one of {', '.join(TABLE_1)}")
     bag = bag or RUNS / time.strftime("demo-%Y%m%d-%H%M%S")
@@ -69,11 +79,13 @@ def demo(
     if plan is not None and choose:
         raise InvalidInput("give --plan or --choose, not both")
     pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)
+    if play:
+        view, pushes = view or AUTO_VIEW, dataclasses.replace(pushes, choose=choose or PLAYED * (plan is None), speed=0.01)
     load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
     shown = view_at(view, ViewConfig())
     live = console.is_terminal and not headless
     with telling_what_is_left(lambda: left_behind(bag)):
-        last, ended = run_demo(console, object_name, seed, bag, live, pushes, shown, planner)
+        last, ended = run_demo(console, object_name, seed, bag, live, pushes, shown, planner, play)
     if last is not None:
         print_summary(console, object_name, last)
         write_json(to_json({**report_from_msg(last).to_dict(), "truth": truth(object_name), "bag": str(bag)}), json)
@@ -112,15 +124,19 @@ def run_demo(
     plan: PlanConfig,
     view: ViewConfig | None = None,
     planner: bool = False,
+    play: bool = False,
 ) -> tuple[FrictionEstimate | None, Ended]:
     """Run the graph until its plan is finished; return the last estimate published, and how the run ended."""
     with scratch_folder() as scratch:
         cell = dataclasses.replace(demo_cell(object_name, scratch), plan=plan)
-        specs = graph.simulated_cell(cell, str(bag), seed, SPEED)
-        specs = graph.with_view(specs, object_name, view) if view is not None else specs
+        if play:
+            cell = dataclasses.replace(cell, simulation=SimulationConfig(placement_error=ASIDE))
+        speed = 1.0 if play else SPEED
+        specs = graph.simulated_cell(cell, str(bag), seed, speed)
+        specs = graph.with_view(specs, object_name, view, play) if view is not None else specs
         specs = graph.with_planner(specs, cell.planner) if planner else specs
         specs = specs if live or view is not None else graph.unattended(specs)
-        console.print(f"simulated cell, {object_name}, at {SPEED:g} times real time; recording {bag}", markup=False)
+        console.print(f"simulated cell, {object_name}, at {speed:g} times real time; recording {bag}", markup=False)
         ended, last = watch(
             console,
             specs,

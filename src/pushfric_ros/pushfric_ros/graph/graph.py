@@ -271,18 +271,19 @@ def unattended(specs: Sequence[NodeSpec]) -> list[NodeSpec]:
     return [replace(spec, parameters={**spec.parameters, "attended": False}) if spec.ends_run else spec for spec in specs]
 
 
-def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig) -> list[NodeSpec]:
+def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig, played: bool = False) -> list[NodeSpec]:
     """The same nodes, and one that shows the run to browsers; the run begins only when that node is ready.
 
     Args:
         specs: the nodes of a cell or of a replay.
         object_name: name or file of the object.
         config: where the view is served.
+        played: the page teaches how to operate the cell.
     """
     reached = specs[0].environment
     bags = [spec.parameters["bag"] for spec in specs if spec.name == "recorder"]
     left = {"report": str(pathlib.Path(bags[0], REPORT_FILE))} if bags else {}
-    view = NodeSpec(VIEW, {"object": object_name, **left, **plain(config)}, respawn=True, environment=reached)
+    view = NodeSpec(VIEW, {"object": object_name, "played": played, **left, **plain(config)}, respawn=True, environment=reached)
     return [*(_awaiting(spec, view.name) if spec.ends_run else spec for spec in specs), view]
 
 

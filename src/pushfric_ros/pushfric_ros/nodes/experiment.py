@@ -293,7 +293,7 @@ class ExperimentNode(Node):
         await self._until_well(self._hindrance, PlanProgress.PHASE_WAITING, "waiting for the pusher")
         await self._until_well(self._foreign_clock, PlanProgress.PHASE_WAITING, "no push can be measured")
         await self._until_well(self._namesake, PlanProgress.PHASE_WAITING, "the messages may come from another cell")
-        self._report(PlanProgress.PHASE_PUSHING, push)
+        self._report(PlanProgress.PHASE_PUSHING, f"{push}: the pusher moves, leave the object alone")
         config = self._config
         carried = Push.Goal(push_id=push_id, distance=config.distance, speed=config.speed, retract=True)
         return await self._carry(carried) or await self._unobserved(push_id, push)
@@ -568,15 +568,16 @@ class ExperimentNode(Node):
                 why = ""
             return why if not self._poses else ": ".join(filter(None, ("it is not seen", why)))
         last = self._poses[-1][1]
-        off, turned = math.hypot(last.x - wanted.x, last.y - wanted.y), abs(wrap(last.theta - wanted.theta))
-        self._progress.in_place = off <= self._config.position_tolerance and turned <= self._config.angle_tolerance
+        off, turn = math.hypot(last.x - wanted.x, last.y - wanted.y), wrap(wanted.theta - last.theta)
+        self._progress.in_place = off <= self._config.position_tolerance and abs(turn) <= self._config.angle_tolerance
         faults = []
         if off > self._config.position_tolerance:
-            faults.append(f"lies about {10 * round(100 * off)} mm off")
-        if turned > self._config.angle_tolerance:
-            faults.append(f"is turned {10 * round(math.degrees(turned) / 10)} degrees too far")
+            faults.append(f"move it by about {10 * round(100 * off)} mm")
+        if abs(turn) > self._config.angle_tolerance:
+            way = "counter-clockwise" if turn > 0 else "clockwise"
+            faults.append(f"turn it {way} by about {10 * round(math.degrees(abs(turn)) / 10)} degrees")
         if faults:
-            return f"it {' and '.join(faults)}"
+            return " and ".join(faults)
         still = all(
             math.hypot(p.x - last.x, p.y - last.y) + 0.1 * abs(wrap(p.theta - last.theta)) < 2 * self._config.still_distance
             for _, p in self._poses

@@ -19,6 +19,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
 
 from pushfric_core.bags.samples import pose_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
@@ -60,6 +61,13 @@ LAG = 0.15
 
 REPORTS = 100
 """Number of the pusher's reports that are kept."""
+
+SWITCHES = {
+    "lamp": ("the lamp is on", "the lamp is off"),
+    "unplug": ("the camera is plugged in", "the camera is unplugged"),
+    "emergency_stop": ("the emergency stop is released", "the emergency stop is pressed"),
+}
+"""The switches that a person at the cell can turn over: what each says at first, and then."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +113,8 @@ class SimulatedCellNode(Node):
         self._info_out = topics.advertise(CameraInfo, "camera_info", SENSOR_DATA)
         self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
         self.create_subscription(PoseStamped, "hand", self._on_hand, RELIABLE)
+        self._switched = dict.fromkeys(SWITCHES, False)
+        self.create_subscription(String, "switch", self._on_switch, RELIABLE)
         self._grbl: SimulatedGrbl | None = None
         self._reports: deque[tuple[int, float]] = deque(maxlen=REPORTS)  # (when [ns], where [m]) of a real pusher
         self._wall_start = self._stepped = time.monotonic()
@@ -150,6 +160,8 @@ class SimulatedCellNode(Node):
         self._elapsed = self._steps * self._period
         stamp = stamp_to_msg(START + round(self._elapsed * 1e9))
         self._operate()
+        if self._switched["emergency_stop"]:
+            self._grbl.hold_in_reset()
         self._push(self._grbl.position())
         self._clock_out.publish(ClockMsg(clock=stamp))
         if self._steps % STEPS_PER_FRAME == 0:
@@ -196,6 +208,8 @@ class SimulatedCellNode(Node):
             self._object.pose, self._placing, self._present = self._placing[1], None, True
 
     def _publish_frame(self, stamp: Any) -> None:
+        if self._switched["unplug"]:
+            return
         frame = self._camera.render(self._object.pose if self._present else None)
         height, width = frame.shape
         image = Image(height=height, width=width, encoding="mono8", step=width)
@@ -225,13 +239,21 @@ class SimulatedCellNode(Node):
             return
         self._placing, self._present = None, True
 
+    def _on_switch(self, msg: String) -> None:
+        """Turn a switch over, as a person at the cell does; a real controller has an emergency stop of its own."""
+        if msg.data in SWITCHES and not (msg.data == "emergency_stop" and self._grbl is None):
+            self._switched[msg.data] = not self._switched[msg.data]
+            self._camera.lit = not self._switched["lamp"]
+
     def _reach(self) -> tuple[float, float]:
         return -2 * self._config.placement_error, 2 * self._config.placement_error
 
     def _health(self) -> Health:
         speed = self._elapsed / max(time.monotonic() - self._wall_start, 1e-9)
-        values = {"simulated time [s]": round(self._elapsed, 3), "multiple of real time": round(speed, 2)}
-        return Health(Level.OK, "simulating", values)
+        values: dict[str, Any] = {"simulated time [s]": round(self._elapsed, 3), "multiple of real time": round(speed, 2)}
+        values |= {name: SWITCHES[name][turned] for name, turned in self._switched.items()}
+        turned = "; ".join(SWITCHES[name][True] for name in SWITCHES if self._switched[name])
+        return Health(Level.WARN if turned else Level.OK, turned or "simulating", values)
 
 
 def pushed_object(name: str, contact_friction: float) -> PushedObject:

@@ -22,6 +22,7 @@ from pushfric_core.cell.node_settings import ObjectConfig, ShownConfig, ViewConf
 from pushfric_core.errors import PushfricError
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
+from pushfric_core.pages.run_server import AT_THE_CELL, Answer, Request, Server
 from pushfric_core.report.story import Change, Story
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
@@ -33,7 +34,6 @@ from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import PATIENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_DATA
 from pushfric_ros.view import present
-from pushfric_ros.view.server import Answer, Request, Server
 
 UNSEEN_PERIOD = 1.0
 """Time between readings of the messages that came while nobody looked [s]."""
@@ -59,15 +59,17 @@ class ViewNode(Node):
         self._story = Story(load_object(model.object), self.get_namespace())
         self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this thread to do
         self._wake = self.create_guard_condition(self._do_what_is_asked)
-        report = declare(self, ShownConfig).report
+        shown = declare(self, ShownConfig)
+        report = shown.report
         self._server = Server(config, self._on_request, self._on_looking, pathlib.Path(report) if report else None)
-        self._server.show(self._story.begin() | {"report": report})
+        self._server.show(self._story.begin() | {"report": report, "played": shown.played})
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
         self.create_timer(UNSEEN_PERIOD, self._read, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
         self._hand_out = self.create_publisher(PoseStamped, "hand", RELIABLE)
+        self._switch_out = self.create_publisher(String, "switch", RELIABLE)
         triggers = {
             "stop": "actuator/stop",
             "reset": "actuator/reset",
@@ -173,10 +175,13 @@ class ViewNode(Node):
 
     def _carry_out(self, request: Request) -> None:
         """Call the service that a visitor's request means; a stop also goes out on its topic, at once."""
-        if request.pose is not None:
+        if request.pose is not None or request.action in AT_THE_CELL:
             simulated = self._hand_out.get_subscription_count() > 0
-            self._hand_out.publish(PoseStamped(pose=pose_to_msg(request.pose)))
-            request.answer(Answer(simulated, "laid" if simulated else "nobody simulates an object that could be laid"))
+            if request.pose is not None:
+                self._hand_out.publish(PoseStamped(pose=pose_to_msg(request.pose)))
+            else:
+                self._switch_out.publish(String(data=request.action))
+            request.answer(Answer(simulated, "done" if simulated else "nobody simulates this cell"))
             return
         client = self._services_of[request.action]
         if request.action == "stop":

@@ -32,7 +32,8 @@ export function drawObject(svg, outline, estimate, pinned, moments, last) {
     svg.replaceChildren();
     return;
   }
-  const { to, scale, span } = ownFrame(svg, outline), parts = [];
+  const { to, back, scale, span } = ownFrame(svg, outline), parts = [];
+  Object.assign(svg, { toScreen: to, toObject: back });
   parts.push(made("path", { class: "outline", d: path(outline.map(to), true) }));
   const counting = moments.filter(({ row }) => !row.excluded), every = Math.ceil(counting.length / MOST_CONTACTS);
   parts.push(made("path", { class: "contact", d: counting.filter((_, index) => index % every === 0).map((one) => wedge(one, to, 11)).join("") }));
@@ -72,7 +73,8 @@ function ownFrame(svg, outline, share = 0.72) {
   const middle = sides.map(([low, high]) => (low + high) / 2), span = sides.map(([low, high]) => high - low);
   const scale = Math.min((share * WIDTH) / span[0], (0.92 * share * OBJECT_HEIGHT) / span[1]); // [px/m]
   const to = ([x, y]) => [WIDTH / 2 + (x - middle[0]) * scale, OBJECT_HEIGHT / 2 - 8 - (y - middle[1]) * scale];
-  return { to, scale, span };
+  const back = ([u, v]) => [middle[0] + (u - WIDTH / 2) / scale, middle[1] + (OBJECT_HEIGHT / 2 - 8 - v) / scale];
+  return { to, back, scale, span };
 }
 
 // A wedge from outside, along the inward normal
@@ -176,14 +178,15 @@ export function drawMap(svg, story, trail = []) {
   const axes = (at, name) => [[1, 0], [0, 1]].forEach((way, axis) => {
     const ends = placed([[0, 0], way.map((value) => 0.25 * size * value)], at).map(to);
     parts.push(...arrow(ends, "frame_axis"));
-    parts.push(made("text", axis ? { x: ends[1][0] + 5, y: ends[1][1] - 5 } : { x: ends[1][0], y: ends[1][1] + 22, "text-anchor": "end" }, `${"xy"[axis]}${name}`));
+    parts.push(made("text", axis ? { x: ends[1][0] + 5, y: ends[1][1] - 5 } : { x: ends[1][0], y: ends[1][1] + 22, "text-anchor": "end" }, "xy"[axis]));
+    if (name && axis) parts.push(made("text", { x: ends[0][0] - 8, y: ends[0][1] + 6, "text-anchor": "end" }, name));
   });
   if (home) {
     parts.push(made("path", { class: "line", d: path(stroke.map(to)) }));
     parts.push(...tipMark(pusher, to(pusher.tip), scale));
   }
   if (pose) parts.unshift(made("path", { class: "outline", d: path(object.map(to), true) }));
-  axes([0, 0, 0], " table");
+  axes([0, 0, 0], "table");
   if (pose) axes(pose, "");
   if (pose && story["node/simulated_cell"]) {
     const [[u, v]] = placed([[0.25 * size, 0]], pose).map(to);
@@ -204,8 +207,8 @@ export function drawMap(svg, story, trail = []) {
     if (plan.in_place) parts.push(made("text", { class: "there", x: u, y: v + 26, "text-anchor": "middle" }, "✓ in place"));
     else if (pose) {
       parts.push(...arrow([to(pose), [u, v]], "way"));
-      const [a, b] = to(pose);
-      parts.push(made("text", { class: "way_text", x: (a + u) / 2 + 10, y: (b + v) / 2 + 18 }, inWords(distance, turn)));
+      const rows = [...ghost, ...object].map((point) => to(point)[1]), below = Math.max(...rows) + 46; // clear of all arrows
+      parts.push(made("text", { class: "way_text", x: u, y: below < height - 44 ? below : Math.min(...rows) - 12, "text-anchor": "middle" }, inWords(distance, turn)));
     }
   }
   parts.push(...drawnScale(scale, height));

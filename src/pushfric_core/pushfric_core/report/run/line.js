@@ -15,8 +15,8 @@ const TRACKS = [
 const SIGNS = { bad: "✗", note: "◆", good: "✓" };
 
 /** Draw all of the run; returns where each index of a moment is, up to the last that the slider has. */
-export function drawLine(svg, run, last) {
-  const wide = Math.max(svg.clientWidth, 200), height = TOP + TRACKS.length * (TALL + LABEL) + FOOT;
+export function drawLine(svg, run, last, wide = Math.max(svg.clientWidth, 200)) {
+  const height = TOP + TRACKS.length * (TALL + LABEL) + FOOT;
   const { moments, pushes, events } = run;
   const to = (index) => PAD + (index / Math.max(1, last)) * (wide - 2 * PAD);
   const parts = [];
@@ -30,7 +30,7 @@ export function drawLine(svg, run, last) {
     free = middle + 5 * name.length;
     parts.push(made("text", { x: middle, y: height - 7, "text-anchor": "middle" }, name));
   });
-  TRACKS.forEach(([, , value], track) => parts.push(...drawnTrack(moments.map(value), to, TOP + track * (TALL + LABEL) + LABEL, wide)));
+  TRACKS.forEach(([, unit, value], track) => parts.push(...drawnTrack(moments.map(value), unit, to, TOP + track * (TALL + LABEL) + LABEL, wide)));
   for (const { at, kind, text } of events) {
     const sign = made("text", { class: `event ${kind}`, x: to(Math.max(0, at - 0.5)), y: TOP - 6, "text-anchor": "middle" }, SIGNS[kind]);
     sign.append(made("title", {}, text));
@@ -57,7 +57,7 @@ export function drawCursors(svg, run, to, shown, pinned) {
 }
 
 // A curve over a logarithmic axis, with its extremes in each column of pixels: a long run costs no more than a short one
-function drawnTrack(values, to, top, wide) {
+function drawnTrack(values, unit, to, top, wide) {
   const logs = values.map((value) => (value > 0 && Number.isFinite(value) ? Math.log10(value) : NaN));
   const most = logs.reduce((most, log) => (log > most ? log : most), -Infinity);
   if (!Number.isFinite(most)) return [];
@@ -67,7 +67,7 @@ function drawnTrack(values, to, top, wide) {
   const parts = [];
   for (let tick = low; tick <= high; tick += 1) {
     parts.push(made("path", { class: "grid", d: `M${PAD} ${v(tick)}H${wide - PAD}` }));
-    if (tick === low || tick === high) parts.push(made("text", { class: "tick", x: wide - PAD, y: v(tick) + (tick === high ? 4 : -1), "text-anchor": "end" }, `${+(10 ** tick).toPrecision(1)}`));
+    if (tick === low || tick === high) parts.push(made("text", { class: "tick", x: wide - PAD, y: v(tick) + (tick === high ? 4 : -1), "text-anchor": "end" }, `${+(10 ** tick).toPrecision(1)}${unit}`));
   }
   const columns = new Map(); // pixel -> its least and greatest value
   logs.forEach((log, index) => {

@@ -32,15 +32,15 @@ export class Run {
 
   /** The story without what is too old to be so now: what passes, and what a node said that does not report any more. */
   present() {
-    const story = { ...this.story };
+    const story = Object.create(this.story); // of a long run, a copy would take longer than a frame
     for (const key of this.#came.keys()) {
       if (!this.isGone(key)) continue;
       if (key.startsWith("node/")) story[key] = SILENT;
-      else delete story[key];
+      else story[key] = undefined;
     }
     const silent = (node) => story[`node/${node}`] === SILENT && story.plan?.phase !== "finished";
     if (silent("experiment") && story.plan) story.plan = { ...story.plan, phase: "silent", message: "The experiment does not report", in_place: false, purpose: "", details: "" };
-    if (silent("actuator")) delete story.fault;
+    if (silent("actuator")) story.fault = undefined;
     story.outdated = silent("estimator");
     return story;
   }
@@ -63,9 +63,9 @@ export class Run {
     return count ? `${push % count + 1}${push >= count ? " (again)" : ""}` : `${push + 1}`;
   }
 
-  /** The estimate after a moment; without one, the present estimate. */
+  /** The estimate after a moment; without one, or at the end of a run that is over, the last estimate. */
   estimateAt(moment) {
-    if (!moment) return this.story.estimate;
+    if (!moment || (this.story.recorded && moment === this.moments.at(-1))) return this.story.estimate;
     return moment.known && { ...moment.known, support_points: this.story[`support/${moment.known.object}`] ?? [] };
   }
 
@@ -82,7 +82,7 @@ export class Run {
     this.moments = moments.filter((moment) => rows.has(moment.push));
     this.moments.forEach((moment, index) => {
       const row = rows.get(moment.push);
-      known = moment.after ?? known;
+      known = moment.after ?? (this.story.reading ? null : known);
       row.after = moment.after ?? row.after;
       Object.assign(moment, { index, known, row, place: row.moments.push(moment) });
     });

@@ -1,10 +1,12 @@
 // Shows a run: live, told first as a whole and then in changes; or one that is over, whose story is in the page.
 import { believed, drawFriction, drawMap, drawObject, drawPrediction, drawPusher, inWords, number, wayToPlace } from "./drawings.js";
 import { drawCursors, drawLine } from "./line.js";
+import { drawCard, listenForGuess } from "./play.js";
 import { Run } from "./run.js";
 
-const RETRY_MS = 2000;
+const RETRY_MS = 2000, PAPER = 688; // width of a sheet of A4 without its margins [px]
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
+const SWITCHES = ["lamp", "unplug", "emergency_stop"]; // that a person at a simulated cell turns over
 
 const token = new URLSearchParams(location.search).get("token") ?? "";
 const at = (id) => document.getElementById(id);
@@ -44,7 +46,7 @@ function connect() {
       return;
     }
     run.take(JSON.parse(data));
-    connection = "live";
+    connection = run.story.recorded ? "over" : "live";
     newsAt = performance.now();
     keepPictures();
     if (run.story.reported) takeReport(socket);
@@ -52,6 +54,7 @@ function connect() {
   };
   socket.onclose = ({ code }) => {
     document.removeEventListener("visibilitychange", look);
+    if (connection === "over") return;
     if (code === WITHOUT_TOKEN) connection = "refused";
     else if (connection !== "refused" && connection !== "ended") connection = code === RUN_ENDED ? "ended" : "lost";
     redraw();
@@ -68,10 +71,12 @@ async function takeReport(socket) {
     const answered = await fetch(`report.html?token=${encodeURIComponent(token)}`), text = await answered.text();
     if (!answered.ok) throw new Error(text);
     report = URL.createObjectURL(new Blob([text], { type: "text/html" }));
-    const only = text.slice(text.indexOf('<section id="downloads"'), text.indexOf("</main>"));
-    document.querySelector("main").append(...new DOMParser().parseFromString(only, "text/html").body.children);
+    const page = new DOMParser().parseFromString(text.slice(0, text.indexOf("</main>")), "text/html"), main = document.querySelector("main");
+    main.before(...page.querySelectorAll(".doubt"));
+    main.append(...page.querySelectorAll("#downloads, #downloads ~ *"));
     at("downloads").querySelector("a:not([download])")?.remove(); // a file beside the report
     at("result_page").href = report;
+    if (connection === "over") at("downloads").lastElementChild.append(at("result_page"));
   } catch {
     report = null; // it stays in its file
   }
@@ -116,6 +121,7 @@ function redraw() {
   requestAnimationFrame(() => {
     drawing = false;
     story = run.present();
+    for (const [kind, is] of [["over", connection === "over"], ["live", connection !== "over"]]) document.body.classList.toggle(kind, is);
     drawHeader();
     drawNow();
     const moment = shown(), compared = momentOf(pinned);
@@ -131,6 +137,7 @@ function redraw() {
     if (changed >= 0) drawMoment(moment, compared);
     drawn = now;
     drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
+    drawCard(run, story);
     drawNodes();
     if (story.object || connection !== "connecting") document.body.classList.remove("waiting");
   });
@@ -154,7 +161,7 @@ function drawMoment(moment, compared) {
   const predicted = moment ?? run.moments.at(-1);
   drawPrediction(at("prediction_drawing"), outline, predicted);
   at("prediction_caption").textContent = !predicted ? "" : !predicted.predicted ? "Nothing was predicted: it is the first push" :
-    `From the pushes before, as if each motion went on for a while: ${plain(predicted.off, 1)}° apart, as (velocity of p_CF, turn)`;
+    `Predicted from the pushes before: ${plain(predicted.off, 1)}° off, of velocity and turn together. Both are drawn longer than they were.`;
 }
 
 function drawHeader() {
@@ -179,7 +186,7 @@ function drawHeader() {
 
 function drawNow() {
   const { plan, fault, estimate } = story;
-  let prompt = plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
+  let prompt = story.reading || plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
@@ -250,7 +257,7 @@ function drawComparison(compared, moment) {
     ["p_CF y [mm]", 2, (estimate) => 1e3 * number(believed(estimate)?.[1])],
     ["p_CF within [mm]", 2, (estimate) => 1e3 * number(estimate?.belief.radius)],
     ["μ_c", 3, (estimate) => number(estimate?.belief.mu_c?.value ?? estimate?.mu_c.p90)],
-    ["fit error / point [mm]", 3, (estimate) => (1e3 * number(estimate?.objective)) / estimate?.data_points],
+    ["fit error / observation [mm]", 3, (estimate) => (1e3 * number(estimate?.objective)) / estimate?.data_points],
     ["prediction off by [°]", 1, (_, { off }) => number(off)],
   ];
   at("comparison").tBodies[0].replaceChildren(...rows.map(([name, digits, value]) => {
@@ -353,6 +360,9 @@ function drawCamera(moment, compared) {
   if (then) said += `${said && "; "}right: the moment compared with`;
   write("seen", said);
   at("seen").classList.toggle("problem", Boolean(unseen));
+  const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
+  at("switches").hidden = !turned.lamp;
+  for (const what of SWITCHES) at(what).ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[what]));
 }
 
 const lines = new Map(); // of the table, by push
@@ -417,7 +427,7 @@ function drawNodes() {
   const signs = { ok: "✓", warning: "!", error: "✗", stale: "?" };
   const list = at("nodes");
   at("health").hidden = connection === "over"; // a bag tells of no node
-  for (const name of Object.keys(story).filter((key) => key.startsWith("node/")).sort()) {
+  for (const name of Object.keys(run.story).filter((key) => key.startsWith("node/")).sort()) {
     const { level, message, values } = story[name];
     let details = list.querySelector(`[data-node="${name}"]`);
     if (!details) {
@@ -522,7 +532,14 @@ at("sound").addEventListener("click", () => {
   ring();
 });
 addEventListener("resize", redraw);
-for (const what of ["stop", "reset", "repeat", "skip", "end"]) at(what).addEventListener("click", () => ask(what));
+addEventListener("beforeprint", () => {
+  if (!run.moments.length) return;
+  toLine = drawLine(at("line"), run, lastIndex(), PAPER); // so that its text is not made small
+  drawCursors(at("line"), run, toLine, shown(), momentOf(pinned));
+});
+addEventListener("afterprint", () => { drawn = []; redraw(); });
+listenForGuess(() => story, redraw);
+for (const what of ["stop", "reset", "repeat", "skip", "end", ...SWITCHES]) at(what).addEventListener("click", () => ask(what));
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled || connection === "over") return; // whatever has the focus
   event.preventDefault();

@@ -8,8 +8,8 @@ from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from pushfric_core.cell.node_settings import ViewConfig
-from pushfric_ros.view import server as view_server
-from pushfric_ros.view.server import Server
+from pushfric_core.pages import run_server
+from pushfric_core.pages.run_server import Server
 
 PATIENCE = 60.0
 
@@ -131,7 +131,7 @@ def test_a_visitor_who_is_cut_off_no_longer_counts(server, told):
 
 
 def test_who_asks_is_told_when_nobody_answers(server, told, monkeypatch):
-    monkeypatch.setattr(view_server, "ANSWER_WITHIN", 0.05)
+    monkeypatch.setattr(run_server, "ANSWER_WITHIN", 0.05)
 
     async def visit():
         answer = await AsyncHTTPClient().fetch(f"{server.url}stop", method="POST", body=b"")
@@ -178,7 +178,7 @@ def test_the_server_ends_when_its_visitors_have_the_report(told, tmp_path):
         assert not ended.done()
         await socket.write_message(json.dumps({"has_report": True}))
         assert await read(socket) is None
-        assert socket.close_code == view_server.RUN_ENDED
+        assert socket.close_code == run_server.RUN_ENDED
         await ended
 
     server.show({"step": 1})

@@ -1,4 +1,4 @@
-"""Serves the page of the live view, its story and its pictures, and takes the requests of visitors; knows no ROS.
+"""Serves the page of a run, live or over, its story and its pictures, and takes the requests of visitors; knows no ROS.
 
 A slow visitor gets fewer, later changes, and delays nobody: each visitor has one parcel of changes on the way and one that
 waits, in which later values of a key replace earlier ones.
@@ -22,8 +22,11 @@ from pushfric_core.report.report import to_json
 from pushfric_core.report.story import PASSING, Change
 from pushfric_core.trajectories.observation import PUSH_IDS
 
-ACTIONS = ("stop", "reset", "repeat", "skip", "end", "exclude", "keep")
-"""The requests of a visitor."""
+AT_THE_CELL = ("lamp", "unplug", "emergency_stop")
+"""The switches of a simulated cell that a visitor turns over, as a person there would."""
+
+ACTIONS = ("stop", "reset", "repeat", "skip", "end", *AT_THE_CELL)
+"""The requests of a visitor that need nothing but their name."""
 
 FREE_FOR_ALL = "stop"
 """The action that needs no token."""
@@ -33,6 +36,10 @@ ANSWER_WITHIN = 15.0
 
 WITHOUT_TOKEN, RUN_ENDED = 4001, 1001
 """WebSocket status codes that say why a visitor's connection is closed."""
+
+
+Parcel = dict[str, str]
+"""A change of the story, or all of it; each value as JSON."""
 
 
 class Answer(NamedTuple):
@@ -45,7 +52,7 @@ class Answer(NamedTuple):
 class Request(NamedTuple):
     """Something that a visitor asks for."""
 
-    action: str  # one of ACTIONS, or lay
+    action: str  # one of ACTIONS, exclude, keep, or lay
     push: int | None  # to exclude or keep
     answer: Callable[[Answer], None]  # from any thread; only the first answer counts
     pose: Pose | None = None  # where to lay the simulated object
@@ -71,7 +78,7 @@ class Server(PageServer):
         report: pathlib.Path | None = None,
     ) -> None:
         self._on_request, self._on_looking, self.report = on_request, on_looking, report
-        self._story: Change = {}
+        self._story: Parcel = {}
         self._came: dict[str, float] = {}  # when what passes did
         self._kept: dict[str, bytes] = {}  # the pictures of the story, by its keys
         self._visitors: set[Visitor] = set()
@@ -80,7 +87,7 @@ class Server(PageServer):
             (r"/live", Visitor),
             (r"/(picture/\d{1,9})", Picture),
             (rf"/{REPORT_FILE}", Report),
-            (r"/(stop|reset|repeat|skip|end)", Action),
+            (rf"/({'|'.join(ACTIONS)})", Action),
             (r"/(exclude|keep)/(-?\d{1,10})", Action),
             (r"/lay/(-?\d{1,5})/(-?\d{1,5})/(-?\d{1,5})", Laying),
         ]
@@ -103,7 +110,7 @@ class Server(PageServer):
         self._visitors.add(visitor)
         now = time.monotonic()
         ages = {key: now - came for key, came in self._came.items()}
-        visitor.tell(self._story | ({"ages": ages} if ages else {}))
+        visitor.tell(self._story | ({"ages": to_json(ages)} if ages else {}))
         self.look()
 
     def leave(self, visitor: "Visitor") -> None:
@@ -133,14 +140,15 @@ class Server(PageServer):
         await asyncio.gather(*(visitor.bid_farewell() for visitor in list(self._visitors)), return_exceptions=True)
 
     def _show(self, change: Change, jpeg: bytes) -> None:
-        self._story |= change
+        told = {key: to_json(value) for key, value in change.items()}  # once, not for each visitor: a story may be long
+        self._story |= told
         self._came |= {key: time.monotonic() for key in change if key.startswith(PASSING)}
         self._kept |= {key: jpeg for key in change if jpeg and key.startswith("picture/")}
         for key in [key for key, value in change.items() if value is None and key != "estimate"]:
             del self._story[key]
             self._kept.pop(key, None)
         for visitor in self._visitors:
-            visitor.tell(change)
+            visitor.tell(told)
 
     def _picture(self, jpeg: bytes) -> None:
         for visitor in self._visitors:
@@ -154,7 +162,7 @@ class Visitor(WebSocketHandler):
         self._server = server
         self.looks, self.has_report = True, False
         self._whole = True  # the first parcel is the whole story
-        self._parcel: Change = {}
+        self._parcel: Parcel = {}
         self._jpeg: bytes | None = None
         self._news = asyncio.Event()
         self._sending: asyncio.Task[None] | None = None
@@ -196,9 +204,9 @@ class Visitor(WebSocketHandler):
             self._sending.cancel()
             self._server.leave(self)
 
-    def tell(self, change: Change) -> None:
+    def tell(self, told: Parcel) -> None:
         """Put a change into the parcel that waits."""
-        self._parcel |= change
+        self._parcel |= told
         self._news.set()
 
     def show(self, jpeg: bytes) -> None:
@@ -222,7 +230,8 @@ class Visitor(WebSocketHandler):
                 jpeg, self._jpeg = self._jpeg, None
                 if parcel:
                     kind, self._whole = "all" if self._whole else "some", False
-                    await self.write_message(to_json({kind: parcel}))
+                    values = ", ".join(f"{to_json(key)}: {value}" for key, value in parcel.items())
+                    await self.write_message(f'{{"{kind}": {{{values}}}}}')
                 if jpeg is not None:
                     await self.write_message(jpeg, binary=True)
         except WebSocketClosedError:
