@@ -596,6 +596,30 @@ def test_a_stop_is_a_feed_hold_then_at_rest_a_reset(peer):
     assert pusher.mode is Mode.IDLE
 
 
+def test_a_door_that_opens_during_a_stop_asks_a_person(peer):
+    pusher = connect(peer)
+    begin_move(pusher, peer)
+    pusher.stop()
+    peer.status = "<Door:0|MPos:0.610,0.000,0.000|FS:0,0>"
+    drive(pusher, lambda: b"\x18" in peer.heard, peer)
+    peer.status = "<Idle|MPos:0.610,0.000,0.000|FS:0,0>"
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert pusher.doubt == "held at the controller: it reports Door"
+
+
+def test_a_line_that_fluidnc_kept_is_not_carried_out_after_the_reset(peer):
+    """FluidNC 4 executes what it had received; a feed hold makes it refuse that, and a second reset ends the hold."""
+    peer.replies |= {b"$I": "[VER:4.0 FluidNC v4:]\r\nok\r\n", JOG[1:-1]: ""}
+    pusher = connect(peer)
+    peer.heard, peer.on_reset = b"", GREETING + "error:8\r\n"
+    pusher.move_to(0.0015, 0.02)
+    drive(pusher, lambda: peer.heard == JOG, peer)
+    peer.say("[MSG:INFO: Check door]\r\n")
+    fail(pusher, Held, 'it says "Check door"', peer)
+    drive(pusher, lambda: not pusher.busy, peer)
+    assert peer.heard == JOG + b"!\x85" + b"\x18!\x85" + b"\x18" + ASKED_AGAIN
+
+
 def test_a_refused_line_stops_and_is_named(peer):
     pusher = connect(peer)
     peer.heard = b""

@@ -254,7 +254,9 @@ class Driver(ABC):
         trouble, self._trouble = self._trouble, None
         if not self._connected or self._state & {Phase.RESETTING, Phase.RECOVERING}:
             return
-        if trouble is not None and not (Phase.BRAKING in self._state and isinstance(trouble, Halted)):
+        if isinstance(trouble, Halted) and Phase.BRAKING in self._state:  # it stops anyway
+            self._suspect(str(trouble))
+        elif trouble is not None:
             raise trouble
         silent = self._silent
         if Phase.STREAMING in self._state and silent > self._silence:

@@ -52,6 +52,7 @@ class Grbl(SerialPusher):
         super()._forget()
         self._greetings = 0
         self._owed = 0  # greetings, for resets that were sent
+        self._unasked = 0  # answers to a line from before a reset, or about the controller's own memory
         self._claimed_offset: tuple[float, ...] | None = None  # reported, and not confirmed yet
         self._parameters: dict[str, str] = {}  # answers to $#
         self._modes = ""  # answer to $G
@@ -113,9 +114,11 @@ class Grbl(SerialPusher):
         elif line.startswith("<"):
             self._axis.damaged += 1
         elif (error := ERROR.fullmatch(line)) is not None or line == "ok":
-            if pending is not None:  # otherwise it is from before a reset, or about the controller's own memory
+            if pending is not None:
                 self._line.answered(line if error is None else CommandRefused(pending, int(error[1])))
                 self._owed = 0  # so every greeting that was due before it has come
+            else:
+                self._unasked += 1
         elif (alarm := ALARM.fullmatch(line)) is not None:
             self._axis.status = StatusReport("Alarm")
             self._blame(Alarm(int(alarm[1])))  # a restart may bring an alarm of its own
@@ -276,19 +279,14 @@ class Grbl(SerialPusher):
 
     def _reset(self) -> Script:
         """Raises Timeout if the controller does not answer afterwards."""
-        # for half a second, while it reports its alarm, GRBL drops a reset
-        dropped = self._axis.status is not None and self._axis.status.state == "Alarm"
-        before = self._greetings
-        self._line.discard()  # a reset wipes out what was sent
-        self._send_reset()
-        again, deadline = clock() + RESET_AGAIN, clock() + RESET_PATIENCE
-        while self._greetings == before and clock() < deadline:
-            if dropped and clock() > again:
-                self._send_reset()
-                dropped = False
-            yield
-        if self._greetings == before:  # whatever it reports then, it may have restarted unheard
-            raise Timeout(f"no greeting within {RESET_PATIENCE:g} s of a reset")
+        if self._line.pending is not None and "FluidNC" in self._version:
+            # it would carry out that line after the reset; where it is held by then, it refuses it
+            unasked = self._unasked
+            yield from self._restart(RealTime.HOLD)
+            refused_by = clock() + RESET_AGAIN
+            while self._unasked == unasked and clock() < refused_by:
+                yield
+        yield from self._restart()
         settled = clock() + RESET_AGAIN
         while self._owed and clock() < settled:  # a second reset would wipe out what is sent now
             yield
@@ -300,8 +298,24 @@ class Grbl(SerialPusher):
             yield from self._ask_for_offset()
             yield from self._report()
 
-    def _send_reset(self) -> None:
-        self.send(RealTime.RESET)
+    def _restart(self, *then: RealTime) -> Script:
+        """Reset the controller and send at once what comes then. Raises Timeout if no greeting comes."""
+        # for half a second, while it reports its alarm, GRBL drops a reset
+        dropped = self._axis.status is not None and self._axis.status.state == "Alarm"
+        before = self._greetings
+        self._line.discard()  # a reset wipes out what was sent
+        self._send_reset(*then)
+        again, deadline = clock() + RESET_AGAIN, clock() + RESET_PATIENCE
+        while self._greetings == before and clock() < deadline:
+            if dropped and clock() > again:
+                self._send_reset(*then)
+                dropped = False
+            yield
+        if self._greetings == before:  # whatever it reports then, it may have restarted unheard
+            raise Timeout(f"no greeting within {RESET_PATIENCE:g} s of a reset")
+
+    def _send_reset(self, *then: RealTime) -> None:
+        self._line.write(b"".join(command.value for command in (RealTime.RESET, *then)))
         self._owed += 1
 
 

@@ -46,7 +46,7 @@ class Alarm(Halted):
 STATUS = re.compile(r"<([A-Za-z]+)(?::(\d{1,4}))?((?:\|[^<>|]+)*)>")
 GREETING = re.compile(r"grbl(?:hal)? (\d{1,4}\.\S{1,40}) \[.*\]", re.IGNORECASE)
 BUILD = re.compile(r"\[VER:([^:\]]{1,40})")
-HOLDS = re.compile(r"\[MSG:(Check Door|Emergency stop|Motor fault)[^\]]{0,80}\]", re.IGNORECASE)
+HOLDS = re.compile(r"\[MSG:(?:[A-Z]{1,5}: )?(Check Door|Emergency stop|Motor fault)[^\]]{0,80}\]", re.IGNORECASE)
 """A message about an input that holds the controller; grblHAL goes on reporting a jog meanwhile."""
 SETTING = re.compile(r"\$(\d{1,4})=([^ (]*)")
 PARAMETER = re.compile(r"\[(G\d\d(?:\.\d)?|TLO):([-\d.,]{1,200})\]", re.ASCII)

@@ -239,14 +239,15 @@ class SerialPusher(Driver):
 
     def _hear_of_hold(self, why: str | None) -> None:
         """Take what the controller says it is held by, unless this driver holds it; it counts once."""
-        if self._role is Role.DRIVES and self._state & {Phase.RESTING, Phase.STREAMING}:
+        if self._role is Role.DRIVES and self._state & {Phase.RESTING, Phase.STREAMING, Phase.BRAKING}:
             before, self._held = self._held, why
             if why is not None and before is None:
                 self._blame(Held(f"held at the controller: {why}"))
 
     def _holding(self, status: StatusReport) -> str | None:
         """The hold that a report shows: the controller does not move, although this driver has not told it so; or None."""
-        if status.state not in STATE_MODES:
+        own = status.state == "Hold" and Phase.BRAKING in self._state
+        if status.state not in STATE_MODES and not own:
             return f"it reports {status.state}"
         for pin, name in INPUTS.items():
             if pin in status.pins:
@@ -340,8 +341,7 @@ class SerialPusher(Driver):
             now, last = clock(), axis.last
             assert last is not None
             if line.pending is not None and (waited := now - line.sent_at) > self._silence:
-                text, line.pending = line.pending, None
-                raise Timeout(f'no answer to "{text}" for {waited:.2f} s; silence is {self._silence:g} s')
+                raise Timeout(f'no answer to "{line.pending}" for {waited:.2f} s; silence is {self._silence:g} s')
             if isinstance(line.answer, Refused):
                 if not line.answer.passing or not patience:
                     raise line.answer

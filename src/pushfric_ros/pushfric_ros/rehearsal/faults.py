@@ -444,7 +444,10 @@ def hostile_settings(stage: GrblStage) -> None:
     """Answer with impossible settings; the doctor and the driver must say so in one line."""
     stage.end_actuator()
     config, driver = stage.config()
+    listed = "\n".join(stage.ask("$$"))
     for key, value in HOSTILE:
+        if key.decode() not in listed:  # FluidNC keeps some of them elsewhere
+            continue
         stage.line.to_host = in_lines(key, value)
         check, limits = check_controller(driver, Grbl, config)
         if check.level is not Grade.FAILED or limits is not None or "\n" in check.finding or len(check.finding) > 300:
