@@ -105,7 +105,7 @@ def test_a_moved_load_is_found_within_three_pushes(seed):
     for push in range(15):
         verdict = estimator.add([one for one in data if one.push_id == push]).verdict
         assert verdict.change is None or push >= 12
-    assert abs(verdict.change.since - 12) <= 1
+    assert abs(verdict.change.since_push - 12) <= 1
     assert ReasonCode.OBJECT_CHANGED in {one.code for one in verdict.reasons}
     assert not verdict.use
     _, estimate = taken(data)

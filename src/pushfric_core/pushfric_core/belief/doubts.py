@@ -6,7 +6,7 @@ same object may seem to shift, too, by the misfit that pushes have in common.
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from pushfric_core.belief.fit import Fit, Problem, damped, solved
 from pushfric_core.belief.mode import Mode, common_misfit
 from pushfric_core.geometry.planar import Array
 from pushfric_core.reasons import Reason, ReasonCode
+from pushfric_core.records import Place
 
 ROUNDS = 4
 """Rounds in which the parameters and the weights of the stretches are found in turns."""
@@ -40,14 +41,14 @@ LEAST_SPREAD = 0.05
 class Rejected(NamedTuple):
     """A push that is left out."""
 
-    push_id: int
+    push_id: Annotated[int, Place(key="push")]
     reason: Reason
 
 
 class Change(NamedTuple):
     """A change of the object."""
 
-    since: int  # push_id of the first push after it
+    since_push: int  # push_id of the first push after it
     shift: tuple[float, float]  # of p_CF [m]
 
 

@@ -51,9 +51,10 @@ class Verdict:
         if self.change is None:
             return self.mistakes
         x, y = (1e3 * value for value in self.change.shift)
+        since = self.change.since_push
         changed = (
-            f"the object is another one since push {self.change.since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
-            f"was moved, or it was exchanged; start again from push {self.change.since}, with reset or by leaving the earlier "
+            f"the object is another one since push {since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
+            f"was moved, or it was exchanged; start again from push {since}, with reset or by leaving the earlier "
             "pushes out"
         )
         return Reason(ReasonCode.OBJECT_CHANGED, changed), *self.mistakes

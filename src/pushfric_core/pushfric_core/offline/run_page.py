@@ -23,7 +23,7 @@ from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import last, taken
 from pushfric_core.estimation.estimate import friction_model
-from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
+from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
 from pushfric_core.geometry.table_1 import TableObject
@@ -166,9 +166,7 @@ def _told(estimation: Estimation, namespace: str | None) -> tuple[Change, dict[s
         tell(change)
     go_on(math.inf)
     tell(story.on_settings(estimation.settings.to_text()))
-    return told | {
-        "estimate": with_histogram(estimation.figures(), FrictionReport.of(estimation.result, estimation.result.belief))
-    }, pictures
+    return told | {"estimate": with_histogram(estimation.figures(), BoundsReport.of(estimation.result))}, pictures
 
 
 def _recorded(source: pathlib.Path, namespace: str | None) -> Iterator[tuple[str, Any]]:
