@@ -25,7 +25,7 @@ from pushfric_core.belief.constants import (
 from pushfric_core.belief.fit import Fit, Problem, damped, solved
 from pushfric_core.belief.mode import Mode, common_misfit
 from pushfric_core.geometry.planar import Array
-from pushfric_core.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason
 from pushfric_core.records import Place
 
 ROUNDS = 4
@@ -83,7 +83,7 @@ def _contradicted(problem: Problem, fit: Fit, push: int) -> Rejected | None:
         f"it moved the object by {1e3 * math.hypot(x, y):.1f} mm and {math.degrees(abs(turn) / problem.place.arm):.0f} degrees "
         "otherwise than the other pushes foretell: contact was lost, tracking jumped, or something else touched the object"
     )
-    return Rejected(push, Reason(ReasonCode.PUSH_CONTRADICTS, text))
+    return Rejected(push, Reason("push_contradicts", text))
 
 
 def _log_student(square: float, freedom: int, nu: float) -> float:

@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from pushfric_core.bags import samples
 from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport
+from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, VerdictReport
 from pushfric_core.estimation.push_choice import RankedPush
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.recognition import Ranking
@@ -34,7 +34,6 @@ from pushfric_core.mechanics.surface_models import (
     surface_samples,
 )
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
-from pushfric_core.reasons import Reason
 from pushfric_core.trajectories.observation import UNIT, Observation
 from pushfric_msgs.msg import (
     Basis,
@@ -51,9 +50,6 @@ from pushfric_msgs.msg import (
 )
 from pushfric_msgs.msg import (
     Observation as ObservationMsg,
-)
-from pushfric_msgs.msg import (
-    Reason as ReasonMsg,
 )
 from pushfric_msgs.srv import MotionCone as MotionConeSrv
 from pushfric_msgs.srv import PredictPush, PredictStroke, StablePushes
@@ -175,7 +171,7 @@ def friction_model_to_msg(
         return msg
     basis.header.stamp = stamp_to_msg(estimate.stamp)
     basis.data_points, basis.pushes = estimate.data_points, estimate.pushes
-    basis.reasons, basis.notes = _reasons(verdict.reasons), _reasons(verdict.notes)
+    write(VerdictReport(verdict.reasons, verdict.notes), VerdictReport, basis)
     if model is not None:
         msg.center_of_friction, msg.total_friction = _point(model.center_of_friction), _number(estimate.total_friction)
     return msg
@@ -361,11 +357,3 @@ def _new(type_name: str, **fields: Any) -> Any:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else value
-
-
-def _reason(reason: Reason) -> ReasonMsg:
-    return ReasonMsg(code=getattr(ReasonMsg, reason.code.name), text=reason.text)
-
-
-def _reasons(reasons: Sequence[Reason]) -> list[ReasonMsg]:
-    return [_reason(one) for one in reasons]

@@ -1,6 +1,7 @@
 """Records as messages and back, field by field: by the record's annotations (pushfric_core.records) and the message's fields.
 
-What is None in a record is NaN in a message; where no number can be, it is what the message has by itself.
+What is None in a record is NaN in a message; where no number can be, it is what the message has by itself. A word, also that of
+an enum, is the constant of that name.
 """
 
 import functools
@@ -47,10 +48,15 @@ def _itself(msg: Any) -> Any:
 
 
 @functools.cache
-def _numbers(message: type, name: str, kind: type[Enum]) -> dict[Any, int]:
-    """The constants of a message for the members of an enum: named like these, or with the field's name in front."""
-    names = {one: (one.name, f"{name.upper()}_{one.name}") for one in kind}
-    return {one: getattr(message, constant) for one in kind for constant in names[one] if hasattr(message, constant)}
+def _numbers(message: type, name: str) -> dict[str, int]:
+    """The constants of a message, without the field's name in front of theirs."""
+    prefix = f"{name.upper()}_"
+    return {one.removeprefix(prefix).lower(): getattr(message, one) for one in dir(message) if one.isupper()}
+
+
+def _word(value: str | Enum) -> str:
+    """The word of a constant."""
+    return value.name.lower() if isinstance(value, Enum) else value
 
 
 @functools.cache
@@ -92,8 +98,8 @@ def _set(msg: Any, name: str, value: Any, kind: Any) -> None:
     elif value is None:
         if isinstance(there, float | np.ndarray):
             setattr(msg, name, math.nan if isinstance(there, float) else np.full_like(there, math.nan))
-    elif isinstance(value, Enum):
-        setattr(msg, name, _numbers(message, name, kind)[value])
+    elif isinstance(value, str | Enum):
+        setattr(msg, name, _numbers(message, name)[_word(value)])
     elif isinstance(there, list) and isinstance(value, np.ndarray):
         point = _element(message, name)
         setattr(msg, name, [point(x=x, y=y) for x, y in value.tolist()])
@@ -135,8 +141,10 @@ def _get(msg: Any, name: str, kind: Any) -> Any:
         return None if math.isnan(there.x) else np.array(at) if get_origin(kind) is np.ndarray else at
     if hasattr(there, "sec"):
         return stamp_from_msg(there)
-    if isinstance(kind, type) and issubclass(kind, Enum):
-        return next((one for one, number in _numbers(message, name, kind).items() if number == there), None)
+    if isinstance(kind, type) and issubclass(kind, str | Enum) and isinstance(there, int):
+        numbers = _numbers(message, name)
+        words: Any = kind if issubclass(kind, Enum) else numbers
+        return next((one for one in words if numbers.get(_word(one)) == there), None)
     if isinstance(there, np.ndarray):  # the rows of a square matrix
         return None if not np.isfinite(there).all() else there.reshape(2 * (math.isqrt(len(there)),))
     if isinstance(there, list):

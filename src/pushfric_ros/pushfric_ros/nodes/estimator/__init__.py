@@ -35,7 +35,6 @@ from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.model_file import check_name, make_model, prior, save_model
 from pushfric_core.files.object_file import ObjectModel, load_object
 from pushfric_core.geometry.frames import OBJECT
-from pushfric_core.reasons import ReasonCode
 from pushfric_core.report.ledger import sums_in_words
 from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STATES, WRENCHES, Ledger
 from pushfric_core.trajectories.observation import Observation
@@ -500,7 +499,7 @@ class EstimatorNode(Node):
             return Health(Level.WARN, max(ledger.doubts, key=lambda one: one.stamp).text, values)
         if not self._verdict.use:
             # nobody need act while the first pushes are made
-            begun = [one.code for one in self._verdict.reasons] == [ReasonCode.FEW_PUSHES]
+            begun = [one.code for one in self._verdict.reasons] == ["few_pushes"]
             return Health(Level.OK if begun else Level.WARN, "; ".join(map(str, self._verdict.reasons)), values)
         if self._verdict.notes:
             return Health(Level.WARN, "; ".join(map(str, self._verdict.notes)), values)
