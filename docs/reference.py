@@ -12,7 +12,7 @@ from docs.markdown import replaced, table
 from pushfric_core import settings
 from pushfric_core.bags.constants import FOLDER
 from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
-from pushfric_core.cell.plugins import PUSHERS, plugin
+from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.vision.sighting import UNMEASURED
 from pushfric_ros.arms.arm import ArmConfig
 from pushfric_ros.commands.node_help import Description, as_yaml, describe

@@ -21,11 +21,11 @@ from pushfric_core.cell.node_settings import (
     ObjectConfig,
     RequiredSubscribersConfig,
 )
-from pushfric_core.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import CAMERA, TABLE
 from pushfric_core.geometry.planar import Pose
+from pushfric_core.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.vision.camera import Image, load_camera
 from pushfric_core.vision.frame_source import TOPICS, Device
 from pushfric_core.vision.image_messages import image_from_msg
