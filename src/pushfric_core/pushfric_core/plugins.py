@@ -15,6 +15,9 @@ TRACKERS = "pushfric.trackers"
 SOURCES = "pushfric.sources"
 """Group of the sources of poses and tips: see pushfric_ros.adapters.body.SourceDriver."""
 
+SIMULATIONS = "pushfric.simulations"
+"""Group of the controllers of a simulated cell, by driver: see pushfric_core.simulated.serial_controller.SerialController."""
+
 TERMS = "pushfric.terms"
 """Group of terms of the fit error; each is a Constraint, or makes one when it is called."""
 
@@ -53,6 +56,12 @@ def tracker_kinds(name: str) -> list[Any]:
     return [plugin(TRACKERS, one) for one in (AUTOMATIC if name == AUTO else (name,))]
 
 
+def with_spare_keys(name: str) -> list[Any]:
+    """The same, then pushfric's other trackers if it is one of them: their keys may stay in the file."""
+    spare = AUTOMATIC if name in AUTOMATIC else ()
+    return [*tracker_kinds(name), *(plugin(TRACKERS, other) for other in spare if other != name)]
+
+
 def chosen_tracker(configs: Sequence[Any]) -> Any:
     """The first of the settings of `tracker_kinds` that is complete.
 
@@ -68,5 +77,5 @@ def chosen_tracker(configs: Sequence[Any]) -> Any:
 AUTOMATIC = ("fiducial", "contour")
 """Choices of AUTO, in this order: an object with markers is found by its markers."""
 
-_WHAT = {PUSHERS: "driver", TRACKERS: "tracker", SOURCES: "source", TERMS: "term"}
+_WHAT = {PUSHERS: "driver", TRACKERS: "tracker", SOURCES: "source", SIMULATIONS: "simulation", TERMS: "term"}
 """For each group, the setting that chooses from it."""

@@ -78,12 +78,12 @@ def run(
 
     live = console.is_terminal and not headless
     with telling_what_is_left(lambda: left_behind(bag)), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
+        if simulated or simulated_camera:
+            file = graph.rendered(file, scratch, lambda sentence: console.print(sentence, markup=False), simulated_camera)
         if simulated:
-            specs = graph.simulated_cell(
-                graph.rendered(file, f"{scratch}/pusher"), str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start
-            )
+            specs = graph.simulated_cell(file, str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start)
         elif simulated_camera:
-            specs = graph.simulated_camera(graph.rendered(file), str(bag), start)
+            specs = graph.simulated_camera(file, str(bag), start)
         else:
             specs = graph.cell(file, str(bag), start)
         if shown is not None:
