@@ -12,6 +12,9 @@ import numpy as np
 from pushfric_core.errors import SolverFailed
 from pushfric_core.geometry.planar import Array, Indices
 
+STILL = 1e-4
+"""A support slower than this fraction of the tip's speed begins to stick; this rounds Coulomb's law for Newton's method."""
+
 CONVERGED = 1e-14
 """A row is done when one more step would lower its function by less than this fraction."""
 

@@ -15,8 +15,7 @@ import numpy.typing as npt
 from pushfric_core.geometry.planar import Array, as_array, frozen, left_of, velocity_at
 from pushfric_core.geometry.support import Support, center_of_friction, check_points, rms_arm
 from pushfric_core.mechanics import quasi_static
-from pushfric_core.mechanics.quasi_static import MODES, SUM, Motions
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.quasi_static import MODES, SUM, ContactMode, Motions
 from pushfric_core.records import Place, comparable
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.wording import counted

@@ -24,7 +24,7 @@ from pushfric_core.geometry.frames import OBJECT
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.mechanics.prediction import FrictionModel, MotionCone, Predictions, Stability
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.quasi_static import ContactMode
 from pushfric_core.mechanics.strokes import Strokes
 from pushfric_core.mechanics.surface_models import (
     convex_quartic,
