@@ -11,8 +11,8 @@ import numpy as np
 Record = TypeVar("Record")
 
 
-class Place(NamedTuple):
-    """Where a field stands if not under its own name: in the annotation, Annotated[float, Place("spread.radius")]."""
+class FieldPlace(NamedTuple):
+    """Where a field stands if not under its own name: in the annotation, Annotated[float, FieldPlace("spread.radius")]."""
 
     message: str | None = (
         None  # path in the message; "": its fields are the message's own, or it is in none; two paths: a column in each
@@ -25,7 +25,7 @@ class Field(NamedTuple):
 
     name: str
     hint: Any  # its type
-    place: Place
+    place: FieldPlace
     required: bool  # its default is not None
 
 
@@ -39,7 +39,7 @@ def fields_of(record: type[Any]) -> tuple[Field, ...]:
         optional = {name for name, default in getattr(record, "_field_defaults", {}).items() if default is None}
     found = []
     for name in getattr(record, "__dataclass_fields__", getattr(record, "_fields", ())):
-        hint, place = hints[name], Place()
+        hint, place = hints[name], FieldPlace()
         if hasattr(hint, "__metadata__"):
             hint, place = hint.__origin__, hint.__metadata__[0]
         found.append(Field(name, hint, place, name not in optional))

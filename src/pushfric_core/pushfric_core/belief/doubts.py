@@ -23,10 +23,10 @@ from pushfric_core.belief.constants import (
     SHIFT,
 )
 from pushfric_core.belief.fit import Fit, Problem, damped, solved
-from pushfric_core.belief.mode import Mode, common_misfit
+from pushfric_core.belief.mode import PosteriorMode, common_misfit
 from pushfric_core.geometry.planar import Array
 from pushfric_core.reasons import Reason
-from pushfric_core.records import Place
+from pushfric_core.records import FieldPlace
 
 ROUNDS = 4
 """Rounds in which the parameters and the weights of the stretches are found in turns."""
@@ -41,7 +41,7 @@ LEAST_SPREAD = 0.05
 class Rejected(NamedTuple):
     """A push that is left out."""
 
-    push_id: Annotated[int, Place(key="push")]
+    push_id: Annotated[int, FieldPlace(key="push")]
     reason: Reason
 
 
@@ -52,7 +52,7 @@ class Change(NamedTuple):
     shift: tuple[float, float]  # of p_CF [m]
 
 
-def bad_pushes(mode: Mode) -> tuple[Rejected, ...]:
+def bad_pushes(mode: PosteriorMode) -> tuple[Rejected, ...]:
     """The pushes that the others contradict; none if they are too few to tell, or too many to be exceptions."""
     pushes = np.unique(mode.problem.data.push).tolist()
     if len(pushes) < FEWEST_COMPARED:
@@ -92,7 +92,7 @@ def _log_student(square: float, freedom: int, nu: float) -> float:
     return constant - (nu + freedom) / 2 * math.log1p(square / nu)
 
 
-def changed(mode: Mode) -> tuple[Change, float] | None:
+def changed(mode: PosteriorMode) -> tuple[Change, float] | None:
     """The likeliest change of the object before one of the last pushes, and the logarithm of how much more probable it is.
 
     None if no change is more probable.
@@ -116,7 +116,7 @@ def changed(mode: Mode) -> tuple[Change, float] | None:
     return Change(since, (float(x), float(y))), odds
 
 
-def _tilt(mode: Mode) -> Array:
+def _tilt(mode: PosteriorMode) -> Array:
     """The change (n, 2) of the log pressure by a shift of p_CF [1/m]: that of a load that tips, on what bears it."""
     arms = mode.problem.place.points - mode.w @ mode.problem.place.points
     spread = (mode.w[:, None] * arms).T @ arms

@@ -33,7 +33,7 @@ def view(
     """Needs no node graph. Ctrl-C ends it; other machines can be given the file that report writes."""
     page = READING.format(html.escape(str(source))).encode()
 
-    class Page(BaseHTTPRequestHandler):
+    class PageHandler(BaseHTTPRequestHandler):
         """Answers every address with the page, if it is asked by a name of this machine: others may lead here, too."""
 
         def do_GET(self) -> None:
@@ -48,7 +48,7 @@ def view(
             """Not to the operator."""
 
     try:
-        server = HTTPServer(("127.0.0.1", port), Page)
+        server = HTTPServer(("127.0.0.1", port), PageHandler)
     except OSError as error:
         raise InvalidInput(f"--port {port}: {error.strerror}; choose another, or 0 for any") from error
     serving = threading.Thread(target=server.serve_forever, daemon=True)

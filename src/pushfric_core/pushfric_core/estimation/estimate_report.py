@@ -17,7 +17,7 @@ from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import FrictionModel, MuC
 from pushfric_core.program.contact_friction import Slip
 from pushfric_core.reasons import Reason
-from pushfric_core.records import Place, plain
+from pushfric_core.records import FieldPlace, plain
 from pushfric_core.solvers.program import Status
 
 if TYPE_CHECKING:
@@ -43,9 +43,9 @@ class BoundsReport:
     p90: float  # 90 % of the lower bounds lie at or below this value
     max: float  # the largest lower bound
     slipping: tuple[float, float] | None = None  # least and greatest bound of pushes known to slip; None: there is none
-    histogram: Annotated[Sequence[int], Place(key="")]  # number of them in each bin: see `histogram`
-    slips: Annotated[Sequence[int], Place(key="")] = ()  # observations of each kind, in the order of `Slip`; empty: unknown
-    slip: Annotated[Slip, Place(key="")]  # at the newest observation
+    histogram: Annotated[Sequence[int], FieldPlace(key="")]  # number of them in each bin: see `histogram`
+    slips: Annotated[Sequence[int], FieldPlace(key="")] = ()  # of each kind, in the order of `Slip`; empty: unknown
+    slip: Annotated[Slip, FieldPlace(key="")]  # at the newest observation
 
     @classmethod
     def of(cls, estimate: "Estimate", slipping: Sequence[bool] = ()) -> "BoundsReport":
@@ -85,16 +85,16 @@ class VerdictReport:
 class BeliefReport:
     """All that claims how far it may be off, and the verdict. What the pushes do not show is None."""
 
-    center_of_friction: Annotated[Array | None, Place("spread.center_of_friction")] = None  # (2,)
-    covariance: Annotated[Array | None, Place("spread.covariance")] = None  # (2, 2) of p_CF [m^2]
-    radius: Annotated[float | None, Place("confidence")] = None  # about p_CF [m]
-    w: Annotated[Array | None, Place("spread.middle")] = None  # (n,) the mean
-    w_intervals: Annotated[Array | None, Place("spread.low spread.high")] = None  # (n, 2) of each w_j
-    mu_c: Annotated[MuC | None, Place("contact_friction")] = None
-    verdict: Annotated[VerdictReport, Place("")]
+    center_of_friction: Annotated[Array | None, FieldPlace("spread.center_of_friction")] = None  # (2,)
+    covariance: Annotated[Array | None, FieldPlace("spread.covariance")] = None  # (2, 2) of p_CF [m^2]
+    radius: Annotated[float | None, FieldPlace("confidence")] = None  # about p_CF [m]
+    w: Annotated[Array | None, FieldPlace("spread.middle")] = None  # (n,) the mean
+    w_intervals: Annotated[Array | None, FieldPlace("spread.low spread.high")] = None  # (n, 2) of each w_j
+    mu_c: Annotated[MuC | None, FieldPlace("contact_friction")] = None
+    verdict: Annotated[VerdictReport, FieldPlace("")]
     rejected: tuple[Rejected, ...]
     change: Change | None  # of the object
-    data_points: Annotated[int, Place("spread.data_points", "")]  # number of observations that all but the verdict rests on
+    data_points: Annotated[int, FieldPlace("spread.data_points", "")]  # observations that all but the verdict rests on
 
     @classmethod
     def of(cls, model: FrictionModel | None, verdict: Verdict, data_points: int) -> "BeliefReport":
@@ -112,19 +112,19 @@ class EstimateReport:
     """Everything that is said of an estimate: in a message, as JSON, and on the page. SI units, object frame."""
 
     object: str  # its name
-    stamp: Annotated[int, Place("header.stamp", "")]  # of the newest observation [ns]
+    stamp: Annotated[int, FieldPlace("header.stamp", "")]  # of the newest observation [ns]
     objective: float
     lower_bound: float
     gap: float
-    w: Annotated[Array, Place("support_friction.weights")]  # (n,)
-    support_points: Annotated[Array, Place("support_friction.support_points")]  # (n, 2)
+    w: Annotated[Array, FieldPlace("support_friction.weights")]  # (n,)
+    support_points: Annotated[Array, FieldPlace("support_friction.support_points")]  # (n, 2)
     center_of_friction: Array  # (2,)
-    mu_c: Annotated[BoundsReport, Place("contact_friction")]
+    mu_c: Annotated[BoundsReport, FieldPlace("contact_friction")]
     data_points: int
     pushes: int
     status: Status
-    total_friction: Annotated[float | None, Place("support_friction.total_friction")] = None  # [N]; None: no forces
-    belief: Annotated[BeliefReport, Place("")]
+    total_friction: Annotated[float | None, FieldPlace("support_friction.total_friction")] = None  # [N]; None: no forces
+    belief: Annotated[BeliefReport, FieldPlace("")]
 
     @classmethod
     def of(

@@ -22,7 +22,7 @@ GAIN = 0.1
 """A step must lower the function by at least this share of what is expected of it."""
 
 
-class Step(NamedTuple):
+class NewtonStep(NamedTuple):
     """Newton's step of some rows."""
 
     value: Array  # (s,) of the functions
@@ -31,7 +31,7 @@ class Step(NamedTuple):
 
 
 def minimized(
-    x: Array, newton: Callable[[Indices, Array], Step], value: Callable[[Indices, Array], Array], steps: int
+    x: Array, newton: Callable[[Indices, Array], NewtonStep], value: Callable[[Indices, Array], Array], steps: int
 ) -> Array:
     """The minima (s, k), found from x (s, k).
 

@@ -16,7 +16,7 @@ from pushfric_core.geometry.planar import Array, as_array, frozen, left_of, velo
 from pushfric_core.geometry.support import Support, center_of_friction, check_points, rms_arm
 from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.quasi_static import MODES, SUM, ContactMode, Motions
-from pushfric_core.records import Place, comparable
+from pushfric_core.records import FieldPlace, comparable
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.wording import counted
 
@@ -45,8 +45,8 @@ class MuC(NamedTuple):
     """The contact friction coefficient."""
 
     value: float | None  # None if there is only a bound
-    low: Annotated[float, Place(key="interval")]  # mu_c lies in [low, high] with a probability of 90 %
-    high: Annotated[float, Place(key="interval")]  # infinite if there is only a bound
+    low: Annotated[float, FieldPlace(key="interval")]  # mu_c lies in [low, high] with a probability of 90 %
+    high: Annotated[float, FieldPlace(key="interval")]  # infinite if there is only a bound
     kind: Kind
 
 
@@ -85,12 +85,12 @@ class FrictionModel:
     support_points: Array
     w: Array
     mu_c: Array
-    share: Annotated[Array, Place("weights")]
+    share: Annotated[Array, FieldPlace("weights")]
     misfit: float = 0.0
     stroke_misfit: float = 0.0
     covariance: Array | None = None
-    kind: Annotated[Kind | None, Place("")] = None
-    data_points: Annotated[int, Place("")] = 0
+    kind: Annotated[Kind | None, FieldPlace("")] = None
+    data_points: Annotated[int, FieldPlace("")] = 0
 
     def __post_init__(self) -> None:
         points = check_points(self.support_points)
