@@ -56,10 +56,9 @@ def tracker_kinds(name: str) -> list[Any]:
     return [plugin(TRACKERS, one) for one in (AUTOMATIC if name == AUTO else (name,))]
 
 
-def with_spare_keys(name: str) -> list[Any]:
-    """The same, then pushfric's other trackers if it is one of them: their keys may stay in the file."""
-    spare = AUTOMATIC if name in AUTOMATIC else ()
-    return [*tracker_kinds(name), *(plugin(TRACKERS, other) for other in spare if other != name)]
+def spare_trackers(name: str) -> list[Any]:
+    """The settings classes of pushfric's other trackers, if this is one of them: their keys may stay in the file."""
+    return [plugin(TRACKERS, other) for other in AUTOMATIC if name in AUTOMATIC and other != name]
 
 
 def chosen_tracker(configs: Sequence[Any]) -> Any:

@@ -30,9 +30,9 @@ from pushfric_core.cell.node_settings import (
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import yaml_content
-from pushfric_core.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, with_spare_keys
+from pushfric_core.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, spare_trackers, tracker_kinds
 from pushfric_core.pushers.pusher import PusherConfig, PusherDriver
-from pushfric_core.settings import AUTO, fields_of, key_of, read, setting
+from pushfric_core.settings import fields_of, key_of, read, setting
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def driver_kinds(section: str, values: Mapping[str, Any]) -> list[Any]:
         ValueError: there is no such driver.
     """
     if section == "camera":
-        return with_spare_keys(values.get("tracker", CameraConfig.tracker))
+        return tracker_kinds(values.get("tracker", CameraConfig.tracker))
     if section in INSTEAD:
         return [plugin(SOURCES, values.get("source", MountConfig.source))]
     return [plugin(PUSHERS, values.get("driver", PusherConfig.driver))] if section == "pusher" else []
@@ -131,7 +131,8 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         values = _mapping(name, whole.pop(name, {}))
         try:
             configs = [*SECTIONS[name], *driver_kinds(name, values)]
-            return read(_beside(values, folder, configs), *configs, keys=True)
+            spare = spare_trackers(values.get("tracker", CameraConfig.tracker)) if name == "camera" else []
+            return read(_beside(values, folder, [*configs, *spare]), *configs, *spare, keys=True)[: len(configs)]
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 
@@ -145,7 +146,7 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
     try:
-        tracker = chosen_tracker(trackers if camera.tracker == AUTO else trackers[:1]) if trackers else None
+        tracker = chosen_tracker(trackers) if trackers else None
     except ValueError as error:
         raise ValueError(f"camera: {error}") from error
     return CellFile(
