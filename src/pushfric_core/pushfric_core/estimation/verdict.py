@@ -71,8 +71,8 @@ class Verdict:
 def verdict_on(estimate: "Estimate", judgement: Judgement) -> Verdict:
     """Whether an estimate may be used, by what was judged of its observations, or when the last push had ended."""
     belief, doubts = judgement
-    told = belief is not None and estimate.lack is None and not estimate.center_given
-    radius = math.inf if belief is None or belief.confidence is None or not told else belief.confidence
+    center_known = belief is not None and estimate.lack is None and not estimate.center_given
+    radius = math.inf if belief is None or belief.confidence is None or not center_known else belief.confidence
     known_to = min(radius, CERTAINLY_OFF)
     mistakes = [one for one in doubts.mistakes if one.size > known_to]
     notes = [one.reason for one in doubts.mistakes if one.size <= known_to][:1]

@@ -71,7 +71,7 @@ def run(
     shown = view_at(view, file.view)
     how = " --simulated" * simulated + " --simulated-camera" * simulated_camera
 
-    def go_on(push: int) -> None:
+    def say_how_to_go_on(push: int) -> None:
         if file.plan.choose:  # there is no plan to go on with
             return
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
@@ -92,7 +92,7 @@ def run(
         if simulated and not live and shown is None:  # who runs a real pusher is near it
             specs = graph.unattended(specs)
         what = f"pushing {model.name}"
-        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, prompts=True, recorded=bag)
+        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=say_how_to_go_on, prompts=True, recorded=bag)
     print_result(console, bag)
     if ended.code:
         fail(ended.reason, ended.code)

@@ -70,15 +70,15 @@ class Publications:
             return True
         return self._bounds.data_points == self._believed == estimate.data_points
 
-    def everything(self, verdict: Verdict) -> None:
+    def publish_all(self, verdict: Verdict) -> None:
         """Publish all that is known."""
-        self.region()
+        self.publish_region()
         if self._online.estimate is not None:
-            self.estimate(verdict)
+            self.publish_estimate(verdict)
         if self._online.ranking is not None:
-            self.ranking()
+            self.publish_ranking()
 
-    def estimate(self, verdict: Verdict, at_rest: bool = True) -> None:
+    def publish_estimate(self, verdict: Verdict, at_rest: bool = True) -> None:
         """Publish w, p_CF and mu_c.
 
         Args:
@@ -102,7 +102,7 @@ class Publications:
         self._parts(msg if self._online.usable else nothing_known(self._object.name))
         self._undrawn = msg
 
-    def nothing(self) -> None:
+    def publish_nothing(self) -> None:
         """Publish that nothing is known: without observations, nothing that was published before is valid any longer."""
         msg = nothing_known(self._object.name)
         self._estimate_out.publish(msg)
@@ -110,14 +110,14 @@ class Publications:
         self._undrawn = msg
         self._recognition_out.publish(Recognition())
 
-    def region(self) -> None:
+    def publish_region(self) -> None:
         """Publish where p_CF can lie by the half-planes, and what to push next."""
         stamp = self._online.estimate.stamp if self._online.estimate is not None else 0
         online = self._online
         self._region = region_to_msg(online.region(), online.next_pushes(), online.slip_pushes(), stamp, self._object.name)
         self._region_out.publish(self._region)
 
-    def ranking(self) -> None:
+    def publish_ranking(self) -> None:
         """Publish how well each hypothesis about the object fits."""
         ranking = self._online.ranking
         self._recognition_out.publish(
