@@ -31,7 +31,7 @@ from bench import (
 from bench.display import Verdict, plain_tables, verdict_table
 from bench.observations import GRIDS
 from bench.program import start
-from pushfric_core.commands.application import Application, Command
+from pushfric_core.commands.application import Application, PlainCommand
 from pushfric_core.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
 from pushfric_core.commands.options import RUNS
 from pushfric_core.report.figures import check_image_name
@@ -67,7 +67,7 @@ COSTS, FOOTPRINT, PLANNING = (costs,), (footprint,), (planning, services, simula
 """What is measured instead of all else."""
 
 
-class Bench(Command):
+class Bench(PlainCommand):
     """Takes `--json` with or without a file."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from bench import footprint, pipeline
 from docs.markdown import replaced, table
 from pushfric_core import Estimate, Estimator, load
-from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
+from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
 from pushfric_core.estimation.verdict import Verdict, verdict_on
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.whole_file import write_whole
@@ -75,14 +75,14 @@ def _observation() -> Figures:
         for one in observations:
             estimate, program = _timed(estimator.add, one)
             verdict, judged = _timed(verdict_on, estimate, estimator.judgement)
-            friction, bounds = _timed(FrictionReport.of, estimate, None)
-            msg, message = _timed(_message, estimate, verdict, friction)
-            spent.append([program, judged, bounds, message, _timed(serialize_message, msg)[1]])
+            bounds, bounded = _timed(BoundsReport.of, estimate)
+            msg, message = _timed(_message, estimate, verdict, bounds)
+            spent.append([program, judged, bounded, message, _timed(serialize_message, msg)[1]])
     return dict(zip(PARTS, (1e3 * np.median(spent, axis=0)).tolist(), strict=True))
 
 
-def _message(estimate: Estimate, verdict: Verdict, friction: FrictionReport) -> FrictionEstimate:
-    return estimate_to_msg(EstimateReport.of(estimate, footprint.OBJECT, None, verdict=verdict, friction=friction))
+def _message(estimate: Estimate, verdict: Verdict, bounds: BoundsReport) -> FrictionEstimate:
+    return estimate_to_msg(EstimateReport.of(estimate, footprint.OBJECT, None, verdict=verdict, bounds=bounds))
 
 
 def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:

@@ -1,6 +1,7 @@
-"""Writes what docs/interfaces.md says of every node, as the nodes tell, and the keys of a cell's file in docs/cell.md."""
+"""Writes what docs/interfaces.md says of every node, as the nodes tell, the keys of a cell's file, and a verdict's codes."""
 
 import pathlib
+import re
 import sys
 import textwrap
 from collections.abc import Iterable
@@ -9,8 +10,9 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started 
 
 from docs.markdown import replaced, table
 from pushfric_core import settings
+from pushfric_core.bags.constants import FOLDER
 from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
-from pushfric_core.cell.plugins import PUSHERS, plugin
+from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.vision.sighting import UNMEASURED
 from pushfric_ros.arms.arm import ArmConfig
 from pushfric_ros.commands.node_help import Description, as_yaml, describe
@@ -42,6 +44,8 @@ is {UNMEASURED:g}: they are not measured.
 
 EVERYWHERE = ("/diagnostics", "publishes")
 """Name and role of an endpoint of every node."""
+
+CODES = (f"<!-- The table below is written by `{COMMAND}` from Reason.msg. -->\n", "<!-- End of the codes. -->\n")
 
 COLUMNS = ("key", "default", "what")
 
@@ -82,6 +86,15 @@ def arms() -> dict[str, list[tuple[str, ...]]]:
 def cell_page(document: str) -> str:
     """docs/cell.md with its tables replaced."""
     return replaced(document, BEGIN, END, f"\n{cell_tables()}\n")
+
+
+def estimation_page(document: str) -> str:
+    """docs/estimation.md with its table of codes replaced."""
+    lines = re.findall(
+        r"^uint8 ([A-Z_]+) = \d+ *(?:# (.*))?$", (FOLDER / "Reason.msg").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    rows = [(f"`{code.lower()}`", meaning) for code, meaning in lines]
+    return replaced(document, *CODES, f"\n{table(('code', 'meaning'), rows)}\n")
 
 
 def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:
@@ -159,7 +172,12 @@ def wrapped(paragraph: str, indent: str = "") -> str:
     return textwrap.fill(paragraph, 120, break_long_words=False, break_on_hyphens=False, subsequent_indent=indent)
 
 
+PAGES = {"cell.md": cell_page, "estimation.md": estimation_page}
+"""The pages with tables that are written here."""
+
+
 if __name__ == "__main__":
     docs = pathlib.Path(__file__).parent
     (docs / "interfaces.md").write_text(interfaces(describe()), encoding="utf-8")
-    (docs / "cell.md").write_text(cell_page((docs / "cell.md").read_text(encoding="utf-8")), encoding="utf-8")
+    for name, page in PAGES.items():
+        (docs / name).write_text(page((docs / name).read_text(encoding="utf-8")), encoding="utf-8")

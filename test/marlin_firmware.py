@@ -69,6 +69,12 @@ class SimulatedMarlin(SerialController):
             self._zero = self._carriage
             self._restart()
 
+    def hold_in_reset(self) -> None:
+        with self._lock:
+            self._advance()
+            if self._motion is not None:
+                self._boot()
+
     def kill(self, why: str) -> None:
         """The firmware halts, as it does when something is wrong with a heater."""
         with self._lock:

@@ -20,7 +20,7 @@ from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.message_types import record
 from pushfric_core.bags.offered_qos import OfferedQos
 from pushfric_core.bags.samples import observation_to_msg
-from pushfric_core.files.csv_table import Row, read_table
+from pushfric_core.files.csv_table import CsvRow, read_table
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, SupportFile, make_object, save_object
 from pushfric_core.geometry import planar
 from pushfric_core.geometry.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform, velocity_at
@@ -160,7 +160,7 @@ def _observation(index: int, numbers: Iterator[float], outline: Outline) -> Obse
     return Observation(at, normal, motion, index, stamp=stamp, pose=pose, force=pushed, tip_velocity=moved)
 
 
-def _tip_velocity(row: Row, motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:
+def _tip_velocity(row: CsvRow, motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:
     """The contact's motion plus that of the tip in the object's frame; None if the file has no tips."""
     if not all(row.texts.get(name) for name in TIPS):
         return None

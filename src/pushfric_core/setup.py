@@ -96,6 +96,7 @@ setup(
         "pushfric.pushers": [
             "grbl = pushfric_core.pushers.serial_config:GrblConfig",
         ],
+        "pushfric.simulations": ["grbl = pushfric_core.simulated.grbl_firmware:SimulatedGrbl"],
         "pushfric.trackers": [
             "contour = pushfric_core.vision.tracker_settings:ContourConfig",
             "fiducial = pushfric_core.vision.tracker_settings:FiducialConfig",

@@ -1,12 +1,71 @@
-"""Equality of records that hold arrays, for which the built-in comparison of dataclasses and named tuples raises an error."""
+"""Records, which are frozen dataclasses or named tuples: equality where they hold arrays, their fields, and plain values."""
 
 import dataclasses
+import functools
 from collections.abc import Iterable
-from typing import TypeVar
+from enum import Enum
+from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 import numpy as np
 
 Record = TypeVar("Record")
+
+
+class FieldPlace(NamedTuple):
+    """Where a field stands if not under its own name: in the annotation, Annotated[float, FieldPlace("spread.radius")]."""
+
+    message: str | None = (
+        None  # path in the message; "": its fields are the message's own, or it is in none; two paths: a column in each
+    )
+    key: str | None = None  # in JSON; "": it is not said there; the same for two fields: a list of both
+
+
+class Field(NamedTuple):
+    """A field of a record."""
+
+    name: str
+    hint: Any  # its type
+    place: FieldPlace
+    required: bool  # its default is not None
+
+
+@functools.cache
+def fields_of(record: type[Any]) -> tuple[Field, ...]:
+    """The fields of a record's class."""
+    hints = get_type_hints(record, include_extras=True)
+    if dataclasses.is_dataclass(record):
+        optional = {one.name for one in dataclasses.fields(record) if one.default is None}
+    else:
+        optional = {name for name, default in getattr(record, "_field_defaults", {}).items() if default is None}
+    found = []
+    for name in getattr(record, "__dataclass_fields__", getattr(record, "_fields", ())):
+        hint, place = hints[name], FieldPlace()
+        if hasattr(hint, "__metadata__"):
+            hint, place = hint.__origin__, hint.__metadata__[0]
+        found.append(Field(name, hint, place, name not in optional))
+    return tuple(found)
+
+
+def is_record(kind: Any) -> bool:
+    """Whether it is the class of a record."""
+    return isinstance(kind, type) and (dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"))
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON and YAML have it: records as dicts, without optional fields that are None; arrays as lists."""
+    kind: Any = type(value)
+    if is_record(kind):
+        found: dict[str, Any] = {}
+        for one in fields_of(kind):
+            key, part = one.name if one.place.key is None else one.place.key, plain(getattr(value, one.name))
+            if key and (one.required or part is not None):
+                found[key] = [found[key], part] if key in found else part
+        return found
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, tuple | list):
+        return [plain(part) for part in value]
+    return value.value if isinstance(value, Enum) else value
 
 
 def comparable(record: type[Record]) -> type[Record]:

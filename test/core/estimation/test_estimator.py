@@ -7,9 +7,10 @@ from scipy.optimize import nnls
 
 from pushfric_core import Constraint, ConstraintRows, Loss, Observation, Status, UninformativePush, functional_rows
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.geometry.planar import Twist, rotation
 from pushfric_core.geometry.support import friction_directions
-from pushfric_core.program.constraints import Moment
+from pushfric_core.program.constraints import Cone, Moment
 
 
 @pytest.mark.parametrize("make", PROBLEMS)
@@ -232,6 +233,28 @@ def test_a_constraint_of_ones_own_joins_the_terms(settings):
     config = EstimatorConfig(terms=("moment", OnAxis(told, 1000.0)), **settings)
     estimate = Estimator(grid, config).add(problem.observations[:8])
     assert estimate.center_of_friction[0] == pytest.approx(told, abs=1e-4)
+
+
+def test_a_term_of_another_package_is_chosen_by_name_and_replayed(tmp_path, install):
+    (tmp_path / "own_terms.py").write_text(
+        "from pushfric_core.program.constraints import Cone\n\n\ndef slippery():\n    return Cone(0.01, 1.0)\n"
+    )
+    install("[pushfric.terms]\nslippery = own_terms:slippery\nnone = math:pi\ngone = nowhere:gone\n", tmp_path)
+    problem = PROBLEMS[1]()
+    settings = EstimatorSettings.from_parameters({"terms": ["moment", "slippery"]})
+    assert EstimatorSettings.from_text(settings.to_text()) == settings
+    by_name, by_object = (
+        Estimator(problem.truth.points, config).add(problem.observations[:8])
+        for config in (settings.estimator, EstimatorConfig(terms=("moment", Cone(0.01, 1.0))))
+    )
+    alone = Estimator(problem.truth.points).add(problem.observations[:8])
+    assert by_name.w.tolist() == by_object.w.tolist() != alone.w.tolist()
+    with pytest.raises(ValueError, match=r"terms must be of moment, .*, gone, none, slippery, got the unknown 'slippy'$"):
+        EstimatorConfig(terms=("slippy",))
+    with pytest.raises(ValueError, match=r"term 'none' must be a Constraint, got float$"):
+        EstimatorConfig(terms=("none",))
+    with pytest.raises(ValueError, match=r"term 'gone' cannot be loaded from nowhere:gone: No module named 'nowhere'$"):
+        EstimatorConfig(terms=("gone",))
 
 
 def test_terms_are_names_or_constraints():

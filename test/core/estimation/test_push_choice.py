@@ -6,7 +6,7 @@ from pushfric_core import FrictionModel, HalfPlanes, Outline, Support, next_push
 from pushfric_core.estimation.push_choice import LIKELY_MU, planned_pushes
 from pushfric_core.estimation.push_plan import planned_contact
 from pushfric_core.estimation.region import HalfPlane
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.quasi_static import ContactMode
 
 PLATE = Outline.rectangle(0.12, 0.06)
 ELL = Outline(np.array(((0, 0), (0.1, 0), (0.1, 0.04), (0.04, 0.04), (0.04, 0.1), (0, 0.1))))

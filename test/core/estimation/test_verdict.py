@@ -14,7 +14,6 @@ from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.verdict import verdict_on
 from pushfric_core.geometry.planar import Twist, rotation, velocity_at
-from pushfric_core.reasons import ReasonCode
 
 FEET = four_feet()
 
@@ -43,20 +42,20 @@ def test_good_input_may_be_used():
     [
         (
             lambda _, o: replace(o, contact_normal=(-o.contact_normal[0], -o.contact_normal[1])),
-            ReasonCode.NORMALS_INWARD,
+            "normals_inward",
             "the normals point inward in",
         ),
-        (turned(math.pi), ReasonCode.FORCES_OPPOSED, "the measured forces oppose the motion"),
-        (turned(math.pi / 2), ReasonCode.FORCES_TURNED, "the measured forces are turned by"),
-        (turned(-math.pi / 2), ReasonCode.FORCES_TURNED, "the measured forces are turned by -"),
+        (turned(math.pi), "forces_opposed", "the measured forces oppose the motion"),
+        (turned(math.pi / 2), "forces_turned", "the measured forces are turned by"),
+        (turned(-math.pi / 2), "forces_turned", "the measured forces are turned by -"),
         (
             lambda number, o: turned(1.1 * number)(number, o),
-            ReasonCode.FORCES_SCATTERED,
+            "forces_scattered",
             "the measured forces do not turn with the object",
         ),
         (
             lambda _, o: replace(o, twist=Twist(o.twist.vx, o.twist.vy, math.degrees(o.twist.omega)), force=None),
-            ReasonCode.OMEGA_IN_DEGREES,
+            "omega_in_degrees",
             "radians",
         ),
     ],
@@ -76,14 +75,14 @@ def inward(which):
 def test_inward_normals_are_told_alone(which):
     """They make the program infeasible; to leave a push out would be the wrong remedy."""
     (reason,) = judged(inward(which)).reasons
-    assert reason.code == ReasonCode.NORMALS_INWARD
+    assert reason.code == "normals_inward"
 
 
 def test_forces_are_not_blamed_for_a_wrong_motion():
     (reason,) = judged(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega)))).reasons
-    assert reason.code == ReasonCode.OMEGA_IN_DEGREES
+    assert reason.code == "omega_in_degrees"
     (reason,) = judged(lambda _, o: replace(o, twist=Twist(*(-np.array(o.twist)).tolist()))).reasons
-    assert reason.code == ReasonCode.CONTACTS_RECEDE
+    assert reason.code == "contacts_recede"
 
 
 def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
@@ -94,8 +93,8 @@ def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
     (contradiction,) = verdict_on(estimate, Judgement(belief, doubts._replace(mistakes=()))).reasons
     change = Change(7, (0.008, 0.0))
     (told,) = verdict_on(estimate, Judgement(belief, doubts._replace(mistakes=(), change=change))).reasons
-    assert contradiction.code == ReasonCode.CONTRADICTION
-    assert told.code == ReasonCode.OBJECT_CHANGED
+    assert contradiction.code == "contradiction"
+    assert told.code == "object_changed"
     assert "the object is another one since push 7" in told.text
 
 
@@ -103,7 +102,7 @@ def test_a_radius_that_is_too_large_to_be_useful_is_told():
     data = [replace(one, push_id=number) for number, one in enumerate(FEET.observations)]
     estimate = Estimator(FEET.truth.points, EstimatorConfig(useful_radius=1e-4)).add(data)
     (reason,) = estimate.verdict.reasons
-    assert reason.code == ReasonCode.UNCERTAIN
+    assert reason.code == "uncertain"
     assert f"only known to within {1e3 * estimate.confidence:.1f} mm" in reason.text
     assert Estimator(FEET.truth.points).add(data).verdict.use
 
@@ -111,7 +110,7 @@ def test_a_radius_that_is_too_large_to_be_useful_is_told():
 @pytest.mark.parametrize("pushes", [1, 2, 3])
 def test_too_few_pushes_tell_nothing_to_act_on(pushes):
     (reason,) = judged(lambda _, o: o, pushes=pushes).reasons
-    assert reason.code == ReasonCode.FEW_PUSHES
+    assert reason.code == "few_pushes"
     assert reason.text.startswith(f"p_CF rests on {pushes} push")
     assert judged(lambda _, o: o, pushes=5).use
 
@@ -121,9 +120,7 @@ def test_supports_whose_hull_misses_the_center_of_friction_are_told():
     width = np.ptp(FEET.truth.points, axis=0).max()
     aside = np.array(((x + 0.2 * width, y - width), (x + 0.2 * width, y + width), (x + width, y), (x + 0.6 * width, y)))
     verdict = judged(lambda _, o: replace(o, force=None), aside)
-    assert {ReasonCode.SUPPORT_TOO_SMALL, ReasonCode.POOR_FIT, ReasonCode.CONTACTS_DISPLACED} & {
-        one.code for one in verdict.reasons
-    }
+    assert {"support_too_small", "poor_fit", "contacts_displaced"} & {one.code for one in verdict.reasons}
 
 
 TRIANGLE = three_feet()
@@ -149,7 +146,7 @@ def test_half_planes_that_contradict_the_program_are_told():
     _, verdict = aimed(center=TRIANGLE.truth.center_of_friction + (0.0182, 0.0))
     (reason,) = verdict.reasons
     assert re.search(r"contradict the program: in 22 % of the observations, of 4 pushes", reason.text), reason
-    assert reason.code == ReasonCode.HALF_PLANES
+    assert reason.code == "half_planes"
     assert "the centre of friction that was given must be wrong" in reason.text
     assert not verdict.use
     assert aimed(center=TRIANGLE.truth.center_of_friction)[1].use

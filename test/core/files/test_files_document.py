@@ -100,9 +100,10 @@ def test_the_example_of_a_cell_is_valid(monkeypatch, tmp_path):
     assert cell.plan.distance < cell.pusher.stroke
 
 
-def test_the_tables_of_keys_are_those_of_the_settings():
-    text = (ROOT / "docs/cell.md").read_text()
-    assert reference.cell_page(text) == text, f"stale; update it with: {reference.COMMAND}"
+@pytest.mark.parametrize("page", reference.PAGES)
+def test_the_tables_of_keys_and_codes_are_those_of_settings_and_messages(page):
+    text = (ROOT / "docs" / page).read_text()
+    assert reference.PAGES[page](text) == text, f"stale; update it with: {reference.COMMAND}"
 
 
 def test_the_tables_name_every_key_of_the_example_and_mark_the_required_ones():

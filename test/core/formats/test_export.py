@@ -16,7 +16,7 @@ from pushfric_core import Estimator, InvalidInput, Observation, Twist, export
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object
-from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, Body, load_of
+from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, ExportedBody, load_of
 from pushfric_core.formats.feet import TOLERANCE, few_feet
 
 LOAD = load_of(0.3, 0.25, GRAVITY, None)
@@ -55,7 +55,7 @@ def test_sdf_names_are_unique_and_its_friction_is_that_of_the_model():
 @pytest.mark.parametrize("name", ["triangle", "ell"])
 def test_the_pieces_of_the_shell_are_convex_and_make_up_the_outline(name):
     outline, model = OBJECTS[name]
-    pieces = [shapely.Polygon(piece) for piece in Body(name, outline, model, LOAD).pieces]
+    pieces = [shapely.Polygon(piece) for piece in ExportedBody(name, outline, model, LOAD).pieces]
     assert len(pieces) == {"triangle": 1, "ell": 2}[name]
     assert all(piece.exterior.is_ccw and piece.area == pytest.approx(piece.convex_hull.area) for piece in pieces)
     assert shapely.union_all(pieces).symmetric_difference(outline.polygon).area < 1e-12

@@ -8,7 +8,8 @@ from pushfric_core.geometry.contact import friction_cone
 from pushfric_core.geometry.planar import Twist, Wrench, cross, rotation, velocity_at
 from pushfric_core.mechanics import limit_surface
 from pushfric_core.mechanics.limit_surface import Ellipsoid, LimitSurface, Measurement, separation
-from pushfric_core.mechanics.simulation import ContactMode, pushed_motion
+from pushfric_core.mechanics.quasi_static import ContactMode
+from pushfric_core.mechanics.simulation import pushed_motion
 
 HALF = 0.05
 """Half the length of the rods of Figure 12 [m]."""

@@ -5,7 +5,7 @@ import pytest
 
 from pushfric_core import FrictionModel, Support, predict
 from pushfric_core.mechanics.prediction import ELLIPSOID, of_misfit
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.quasi_static import ContactMode
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
 BELOW = (((0.0, 0.0),), ((0.0, -1.0),))

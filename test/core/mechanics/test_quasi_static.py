@@ -1,13 +1,12 @@
-"""The vectorised model against the scalar one of `simulation`, and against statics."""
+"""The quasi-static model against statics."""
 
 import numpy as np
 import pytest
 
-from pushfric_core import TABLE_1, Outline, PushfricError, Support, Touch, pushed_motion
-from pushfric_core.geometry.planar import cross, left_of, rotation
+from pushfric_core import TABLE_1, Outline, PushfricError, Twist
+from pushfric_core.geometry.planar import cross, left_of, rotation, velocity_at
 from pushfric_core.mechanics import quasi_static
-from pushfric_core.mechanics.quasi_static import MODES, Motions, holding_margins, motion_cones, motions
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.quasi_static import MODES, ContactMode, Motions, holding_margins, motion_cones, motions
 
 TRIANGLE = Outline(np.array(((0, 0), (0.15, 0), (0, 0.15))))
 ROD = np.array(((-0.5, 0.0), (0.5, 0.0)))
@@ -31,18 +30,22 @@ def cases(rng):
         yield known.outline, known.support.points, known.support.weights[None]
 
 
-def test_each_motion_is_that_of_the_scalar_model(rng):
+def test_the_support_balances_the_pusher_in_each_motion(rng):
+    checked = 0
     for outline, support_points, weights in cases(rng):
         points, normals, velocities = random_pushes(outline, 40, rng)
         mu_c = rng.uniform(0, 1, len(weights))
         found = motions(support_points, weights, mu_c, points, normals, velocities)
-        for k, (point, normal, velocity) in enumerate(zip(points, normals, velocities, strict=True)):
-            for s, w in enumerate(weights):
-                exact = pushed_motion(Support(support_points, w), Touch(0.0, point, normal, 0), velocity, mu_c[s])
-                difference = (found.twists[k, s] - exact.twist) * (1, 1, 0.05) / 0.02  # of the tip's speed
-                assert difference == pytest.approx(np.zeros(3), abs=1e-5)
-                assert found.forces[k, s] == pytest.approx(exact.force, abs=1e-5)
-                assert MODES[found.modes[k, s]] is exact.mode
+        for k, s in np.ndindex(found.modes.shape):
+            bearing = weights[s] > 0
+            moved = velocity_at(Twist(*found.twists[k, s]), support_points[bearing])
+            speeds = np.linalg.norm(moved, axis=1)
+            if speeds.min() > 0.005:  # away from the rounded corner of Coulomb's law
+                forces = moved / speeds[:, None] * weights[s][bearing, None]
+                assert forces.sum(axis=0) == pytest.approx(found.forces[k, s], abs=1e-4)
+                assert cross(support_points[bearing] - points[k], forces).sum() == pytest.approx(0, abs=1e-5)
+                checked += 1
+    assert checked > 150
 
 
 def test_what_is_computed_together_does_not_change_the_result(rng, monkeypatch):

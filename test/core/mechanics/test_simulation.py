@@ -3,7 +3,7 @@ import pytest
 
 from pushfric_core import TABLE_1, Support, Touch, pushed_motion
 from pushfric_core.geometry.planar import cross, left_of, rotation, velocity_at
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.quasi_static import ContactMode
 
 ROD = Support(np.array(((-0.5, 0.0), (0.5, 0.0))), np.array((0.5, 0.5)))
 SIDE = Touch(0.0, np.array((0.0, 0.0)), np.array((0.0, -1.0)), 0)

@@ -3,7 +3,7 @@ import pytest
 
 from pushfric_core import TABLE_1, FrictionModel, Pose, PushedObject, PushingLine, predict_strokes
 from pushfric_core.mechanics import quasi_static
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.quasi_static import ContactMode
 
 POSES = [Pose(-0.03, 0.06, 0.1), Pose(0.01, 0.07, 2.0), Pose(0.02, 0.06, -1.2), Pose(0.5, 0.06, 0.0)]
 LINES = [PushingLine((0.0, 0.0), (0.0, 1.0), radius) for radius in (0.0, 0.002, 0.005, 0.002)]

@@ -27,7 +27,7 @@ from pushfric_core.trajectories.ledger import (
 )
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.sensed_force import ForceSample
-from pushfric_core.trajectories.stream import CONFIRMED, LEAP, OUTLASTS, Stream
+from pushfric_core.trajectories.stream import CONFIRMED, LEAP, LONGEST_END_SKEW, Stream
 from pushfric_core.trajectories.trajectory import Trajectory, TrajectoryConfig
 
 SECOND, DAY = 10**9, 86_400 * 10**9
@@ -145,7 +145,7 @@ def test_a_wild_stamp_costs_one_sample(which, offset):
         assert found == expected
         account = ledger.accounts[(POSES, STATES, WRENCHES)[which]]
         lost = account.ended[AHEAD] + account.ended[OUT_OF_ORDER]
-        trails = at == COUNT - 1 and 0 < offset <= OUTLASTS * SECOND  # a stream may go on a little longer
+        trails = at == COUNT - 1 and 0 < offset <= LONGEST_END_SKEW * SECOND  # a stream may go on a little longer
         if not trails and (at >= CONFIRMED or offset > 0):  # which of the first is wild, nobody knows
             assert (lost, len(ledger.doubts)) == (1, 1)
             assert f"1 of {COUNT}" in ledger.doubts[0].text

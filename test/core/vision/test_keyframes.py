@@ -14,20 +14,20 @@ from rosbags.typesys import Stores, get_typestore
 from pushfric_core import TABLE_1, Pose
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_core.vision.keyframes import Keyframes, Moment
+from pushfric_core.vision.keyframes import Keyframes, RunState
 
 NAME = "rubber_rect4"
 FRAME = np.zeros((4, 4), np.uint8)
 
 
-def kept(moments: list[Moment], everything: bool = False) -> list[int]:
+def kept(moments: list[RunState], everything: bool = False) -> list[int]:
     """Numbers of the images that are kept."""
     keyframes = Keyframes(everything)
     return [stamp for number, moment in enumerate(moments) for stamp, _ in keyframes.take(FRAME, number, moment)]
 
 
 def test_a_push_gives_its_placement_begin_middle_and_end():
-    rest, placed, pushed = Moment(False, False, True), Moment(False, True, True), Moment(True, True, True)
+    rest, placed, pushed = RunState(False, False, True), RunState(False, True, True), RunState(True, True, True)
     course = [rest] * 5 + [placed] * 5 + [pushed] * 11 + [rest] * 5
     assert kept(course) == [5, 10, 15, 21]
     assert kept(course * 2) == [5, 10, 15, 21, 31, 36, 41, 47]
@@ -35,7 +35,7 @@ def test_a_push_gives_its_placement_begin_middle_and_end():
 
 
 def test_each_loss_of_the_object_is_kept_once():
-    seen, lost = Moment(True, True, True), Moment(True, True, False)
+    seen, lost = RunState(True, True, True), RunState(True, True, False)
     assert kept([seen, seen, lost, lost, seen, lost]) == [0, 2, 5]
 
 

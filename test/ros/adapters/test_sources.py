@@ -10,9 +10,9 @@ from nav_msgs.msg import Odometry
 
 from pushfric_core.bags.samples import pose_sample_from_msg
 from pushfric_core.cell.mount import Body, MountConfig
-from pushfric_core.cell.plugins import SOURCES, plugin
 from pushfric_core.geometry.planar import Pose as Planar
 from pushfric_core.geometry.planar import compose, transform
+from pushfric_core.plugins import SOURCES, plugin
 from pushfric_ros.adapters.odometry import OdometryConfig
 from pushfric_ros.adapters.pose_array import PoseArrayConfig
 from pushfric_ros.adapters.pose_stamped import PoseStampedConfig

@@ -48,6 +48,7 @@ NOT_RUN = {
     "rosdep": "the network",
     "uv pip compile": "the network; test_dependencies.py compares the result with the pins",
     "python3 -m pip install": "the network; test_forge_files.py compares it with the workflow's",
+    "python3 -m pytest": "these tests",
     "colcon build": "minutes; ./pushfric runs it",
     "docker": "a container tool; test_forge_files.py reads the files",
     "source": "an environment that is built",

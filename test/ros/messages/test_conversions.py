@@ -1,4 +1,6 @@
 import math
+import pathlib
+import re
 
 import pytest
 from geometry_msgs.msg import Pose as PoseMsg
@@ -9,9 +11,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from pushfric_core import Estimator, Observation, Pose, Twist
 from pushfric_core.bags import constants, message_types, samples
 from pushfric_core.belief.doubts import Change, Rejected
+from pushfric_core.belief.mistakes import LINEAR
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.verdict import Verdict
-from pushfric_core.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason
 from pushfric_msgs.msg import (
     ContactFriction,
     FrictionEstimate,
@@ -20,6 +23,8 @@ from pushfric_msgs.msg import (
     PusherState,
 )
 from pushfric_ros.messages import conversions, markers, types
+
+CORE = pathlib.Path(__file__).parents[3] / "src/pushfric_core/pushfric_core"
 
 
 def test_poses_survive_the_message(rng):
@@ -86,7 +91,7 @@ def test_a_report_survives_the_message(pushes):
     estimator = Estimator(problem.truth.points)
     estimate = estimator.add(problem.observations[:pushes])
     assert (estimate.confidence is None) == (pushes == 1)
-    reasons = tuple(Reason(code, f"because of {code}") for code in ReasonCode)
+    reasons = tuple(Reason(code, f"because of {code}") for code in map(str.lower, constants.constants("Reason")))
     verdict = Verdict(reasons, (Rejected(3, reasons[-1]),), Change(7, (0.01, -0.02)), reasons[:1])
     for judged in (verdict, Verdict()):
         report = EstimateReport.of(estimate, "box", estimate.belief, verdict=judged)
@@ -95,9 +100,11 @@ def test_a_report_survives_the_message(pushes):
 
 
 def test_every_reason_has_its_constant():
-    constant = constants.constants("Reason")
-    assert {code.name for code in ReasonCode} == constant.keys()
-    assert len(set(constant.values())) == len(constant)
+    numbers = constants.constants("Reason")
+    sources = [path.read_text() for path in CORE.rglob("*.py")]
+    given = {code for text in sources for code in re.findall(r'\bReason\(\s*"(\w+)"', text)} | {code for code, *_ in LINEAR}
+    assert {code.upper() for code in given} == numbers.keys()
+    assert len(set(numbers.values())) == len(numbers)
 
 
 def test_without_data_no_number_is_known():

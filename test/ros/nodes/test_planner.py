@@ -16,7 +16,7 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.planar import Pose, Wrench
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.prediction import motion_cone, predict, stability
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.quasi_static import ContactMode
 from pushfric_core.mechanics.strokes import predict_strokes
 from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ellipsoid
 from pushfric_msgs.msg import Basis, FrictionModel, Observation

@@ -61,7 +61,7 @@ def test_the_clock_does_not_run_ahead_of_the_reports_of_a_moving_pusher(ros, tmp
         wall[0] += 1.0  # nobody waits for ever for an actuator that has stopped
         assert steps(100) == 1
         os.close(port)
-        ros.wait_for(lambda: not node._grbl.opened, what="the closed port")
+        ros.wait_for(lambda: not node._controller.opened, what="the closed port")
         assert steps(100) == 100
     finally:
         node.destroy_node()

@@ -24,7 +24,7 @@ from pushfric_core.belief.fit import (
     solved,
 )
 from pushfric_core.belief.linearisation import errors_per_way
-from pushfric_core.belief.mode import Mode, finding
+from pushfric_core.belief.mode import PosteriorMode, finding
 from pushfric_core.belief.stretches import size_of, steps_of
 from pushfric_core.geometry.planar import Array, as_array
 from pushfric_core.mechanics.prediction import SHARE, FrictionModel, Kind
@@ -110,7 +110,7 @@ def _chances(profile: _Profile, variance: float) -> Array:
     return np.asarray(posterior / posterior.sum())
 
 
-def drawn(mode: Mode, count: int) -> FrictionModel:
+def drawn(mode: PosteriorMode, count: int) -> FrictionModel:
     """The samples about a mode of so many observations, in pairs on either side, so that their mean is the mode's w."""
     problem, found, changes, points, w = mode.problem, mode.fit, mode.changes, mode.problem.place.points, mode.w
     to_center = ((points - w @ points) * w[:, None]).T @ problem.root  # from the parameters to p_CF
@@ -142,7 +142,7 @@ def drawn(mode: Mode, count: int) -> FrictionModel:
     return FrictionModel(points, samples, mu_cs, share, *misfits, covariance, kind, count)
 
 
-def _covariance(mode: Mode, to_center: Array) -> Array:
+def _covariance(mode: PosteriorMode, to_center: Array) -> Array:
     """The covariance (2, 2) of p_CF about the truth [m^2]."""
     points, floor = mode.problem.place.points, (FLOOR * mode.size) ** 2
     sectors = to_center @ mode.changes[:, :-1].T
@@ -151,7 +151,7 @@ def _covariance(mode: Mode, to_center: Array) -> Array:
     return _together(after + mode.common**2 * np.eye(2), before @ before.T + floor * np.eye(2))
 
 
-def _noise(mode: Mode, to_center: Array, rng: np.random.Generator) -> Array:
+def _noise(mode: PosteriorMode, to_center: Array, rng: np.random.Generator) -> Array:
     """By how much PAIRS samples of the whitened log pressures are off the mode (PAIRS, n)."""
     problem, changes, rows = mode.problem, mode.changes, mode.fit.rows[:, :-1]
     limited = np.array([limit_of(problem, change) * change for change in changes]).reshape(changes.shape)
@@ -176,7 +176,7 @@ def _corrected(places: Array, wanted: Array, to_center: Array) -> Array:
     return np.asarray(change @ solved(square + 1e-9 * np.trace(square) * np.eye(2) + 1e-30 * np.eye(2), to_center))
 
 
-def _misfits(mode: Mode, mu_c: float) -> tuple[float, float]:
+def _misfits(mode: PosteriorMode, mu_c: float) -> tuple[float, float]:
     """`misfit` and `stroke_misfit` of a `FrictionModel`: by the steps, and the whole stretches, that were fitted."""
     problem, found = mode.problem, mode.fit
     fitted, steps = found.fitted, float(problem.freedom[problem.data.stretch].sum())

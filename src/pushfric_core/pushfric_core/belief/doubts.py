@@ -6,7 +6,7 @@ same object may seem to shift, too, by the misfit that pushes have in common.
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -23,9 +23,10 @@ from pushfric_core.belief.constants import (
     SHIFT,
 )
 from pushfric_core.belief.fit import Fit, Problem, damped, solved
-from pushfric_core.belief.mode import Mode, common_misfit
+from pushfric_core.belief.mode import PosteriorMode, common_misfit
 from pushfric_core.geometry.planar import Array
-from pushfric_core.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason
+from pushfric_core.records import FieldPlace
 
 ROUNDS = 4
 """Rounds in which the parameters and the weights of the stretches are found in turns."""
@@ -40,18 +41,18 @@ LEAST_SPREAD = 0.05
 class Rejected(NamedTuple):
     """A push that is left out."""
 
-    push_id: int
+    push_id: Annotated[int, FieldPlace(key="push")]
     reason: Reason
 
 
 class Change(NamedTuple):
     """A change of the object."""
 
-    since: int  # push_id of the first push after it
+    since_push: int  # push_id of the first push after it
     shift: tuple[float, float]  # of p_CF [m]
 
 
-def bad_pushes(mode: Mode) -> tuple[Rejected, ...]:
+def bad_pushes(mode: PosteriorMode) -> tuple[Rejected, ...]:
     """The pushes that the others contradict; none if they are too few to tell, or too many to be exceptions."""
     pushes = np.unique(mode.problem.data.push).tolist()
     if len(pushes) < FEWEST_COMPARED:
@@ -82,7 +83,7 @@ def _contradicted(problem: Problem, fit: Fit, push: int) -> Rejected | None:
         f"it moved the object by {1e3 * math.hypot(x, y):.1f} mm and {math.degrees(abs(turn) / problem.place.arm):.0f} degrees "
         "otherwise than the other pushes foretell: contact was lost, tracking jumped, or something else touched the object"
     )
-    return Rejected(push, Reason(ReasonCode.PUSH_CONTRADICTS, text))
+    return Rejected(push, Reason("push_contradicts", text))
 
 
 def _log_student(square: float, freedom: int, nu: float) -> float:
@@ -91,7 +92,7 @@ def _log_student(square: float, freedom: int, nu: float) -> float:
     return constant - (nu + freedom) / 2 * math.log1p(square / nu)
 
 
-def changed(mode: Mode) -> tuple[Change, float] | None:
+def changed(mode: PosteriorMode) -> tuple[Change, float] | None:
     """The likeliest change of the object before one of the last pushes, and the logarithm of how much more probable it is.
 
     None if no change is more probable.
@@ -115,7 +116,7 @@ def changed(mode: Mode) -> tuple[Change, float] | None:
     return Change(since, (float(x), float(y))), odds
 
 
-def _tilt(mode: Mode) -> Array:
+def _tilt(mode: PosteriorMode) -> Array:
     """The change (n, 2) of the log pressure by a shift of p_CF [1/m]: that of a load that tips, on what bears it."""
     arms = mode.problem.place.points - mode.w @ mode.problem.place.points
     spread = (mode.w[:, None] * arms).T @ arms

@@ -70,7 +70,7 @@ def judging(
         # to leave pushes out is no remedy for wrong units or signs, nor for another object
         sound = kept is not None and all(math.isfinite(one.size) for one in mistakes)
         bad = [one for one in bad_pushes(mode) if one.push_id not in (kept or ())] if sound and mode is not None else []
-        rejected = [one for one in bad if change is None or one.push_id < change.since]
+        rejected = [one for one in bad if change is None or one.push_id < change.since_push]
         doubts = Doubts(tuple(rejected), change, mistakes, misfit)
         yield
     fast = too_fast(points, observations, only_timed=doubts.misfit is None or doubts.misfit < CLEAR)

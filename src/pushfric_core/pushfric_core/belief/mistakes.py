@@ -27,7 +27,7 @@ from pushfric_core.belief.fit import Fit, Problem, errors_at, fitting, misfits, 
 from pushfric_core.belief.stretches import Steps, into_object, stretches, thinned
 from pushfric_core.geometry.planar import Array, left_of
 from pushfric_core.geometry.support import rms_arm
-from pushfric_core.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason
 
 STEPS, MORE_STEPS = 4, 2
 """Steps of Gauss-Newton: from even pressure, and from the mode of a similar hypothesis."""
@@ -49,45 +49,45 @@ class Mistake(NamedTuple):
     size: float = math.inf  # by how much contacts or the motion's frame are off [m]; infinite if that is no length
 
 
-LINEAR: tuple[tuple[ReasonCode, tuple[tuple[float, float, float], ...], str], ...] = (
+LINEAR: tuple[tuple[str, tuple[tuple[float, float, float], ...], str], ...] = (
     (
-        ReasonCode.OMEGA_NEGATED,
+        "omega_negated",
         ((1, 0, 0), (0, 1, 0), (0, 0, -1)),
         "omega has the wrong sign: counter-clockwise, seen from above, is positive; negate omega",
     ),
     (
-        ReasonCode.SPEEDS_IN_MILLIMETRES,
+        "speeds_in_millimetres",
         ((1e-3, 0, 0), (0, 1e-3, 0), (0, 0, 1)),
         "vx and vy are in millimetres: give them in metres per unit of time",
     ),
     (
-        ReasonCode.OMEGA_IN_DEGREES,
+        "omega_in_degrees",
         ((1, 0, 0), (0, 1, 0), (0, 0, DEGREE)),
         "omega is in degrees: give it in radians per unit of time",
     ),
-    (ReasonCode.SPEEDS_SWAPPED, ((0, 1, 0), (1, 0, 0), (0, 0, 1)), "vx and vy are swapped: swap their columns"),
+    ("speeds_swapped", ((0, 1, 0), (1, 0, 0), (0, 0, 1)), "vx and vy are swapped: swap their columns"),
     (
-        ReasonCode.COLUMNS_MIXED,
+        "columns_mixed",
         ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
         "the columns of the motion are mixed up: they seem to hold omega, vx, vy; expected vx, vy, omega",
     ),
     (
-        ReasonCode.COLUMNS_MIXED,
+        "columns_mixed",
         ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
         "the columns of the motion are mixed up: they seem to hold vy, omega, vx; expected vx, vy, omega",
     ),
     (
-        ReasonCode.MIRRORED,
+        "mirrored",
         ((1, 0, 0), (0, -1, 0), (0, 0, -1)),
         "the motion is mirrored, along y: the camera's image is, or an axis points the other way",
     ),
     (
-        ReasonCode.MIRRORED,
+        "mirrored",
         ((-1, 0, 0), (0, 1, 0), (0, 0, -1)),
         "the motion is mirrored, along x: the camera's image is, or an axis points the other way",
     ),
     (
-        ReasonCode.CONTACTS_RECEDE,
+        "contacts_recede",
         ((-1, 0, 0), (0, -1, 0), (0, 0, -1)),
         "the motion is that of the table against the object, or in another frame: vx, vy, omega must be the velocity of the "
         "object-frame origin, in the object frame",
@@ -123,7 +123,7 @@ def explaining(points: Array, steps: Steps, size: float) -> Generator[None, None
         for off in (_along, _aside, _elsewhere):
             mistake = yield from run.displacement(off, right)
             found.append(mistake)
-    first: dict[ReasonCode, Mistake] = {}
+    first: dict[str, Mistake] = {}
     for mistake in sorted(found, key=lambda one: -one.odds):
         if mistake.odds > 0:
             first.setdefault(mistake.reason.code, mistake)
@@ -196,7 +196,7 @@ class _Run(NamedTuple):
             "object-frame origin"
         )
         yield (
-            Reason(ReasonCode.TWIST_OF_CONTACT, text),
+            Reason("twist_of_contact", text),
             self.judged(steps.moved(_of_point(steps.motions, -steps.contacts))),
         )
         if (wider := _wider(self.points, steps.contacts)) is not None:
@@ -204,7 +204,7 @@ class _Run(NamedTuple):
                 "the support points leave a part of the object out, on which it seems to rest: check their unit, or give some "
                 "further out"
             )
-            yield Reason(ReasonCode.SUPPORT_TOO_SMALL, text), self.judged(steps, points=wider)
+            yield Reason("support_too_small", text), self.judged(steps, points=wider)
 
     def displacement(self, off: "_Off", right: _Judged) -> Generator[None, None, Mistake]:
         """That contacts, or the frame of the motion, are off: how far is found in turns with the mode."""
@@ -245,7 +245,7 @@ def _line_off(d: Array) -> Reason:
     (offset,) = d.tolist()
     side = "right" if offset > 0 else "left"
     return Reason(
-        ReasonCode.LINE_OFF_SIDEWAYS,
+        "line_off_sideways",
         f"the object moves as if its contacts were {1e3 * abs(offset):.1f} mm further to the {side}, seen along the push: "
         "the line is off sideways; measure line_origin and line_direction, or the tip's place, again",
     )
@@ -254,7 +254,7 @@ def _line_off(d: Array) -> Reason:
 def _contacts_off(d: Array) -> Reason:
     x, y = (1e3 * d).tolist()
     return Reason(
-        ReasonCode.CONTACTS_DISPLACED,
+        "contacts_displaced",
         f"the object moves as if its contacts were displaced by ({x:.1f}, {y:.1f}) mm in the object frame: "
         "give contacts, outline and velocities in the same frame",
     )
@@ -263,7 +263,7 @@ def _contacts_off(d: Array) -> Reason:
 def _origin_off(d: Array) -> Reason:
     x, y = (-1e3 * d).tolist()
     return Reason(
-        ReasonCode.ORIGIN_OFF,
+        "origin_off",
         f"the motion seems to be that of a point at ({x:.0f}, {y:.0f}) mm, not of the object-frame origin: give poses and "
         "velocities of the frame in which outline and contacts are given",
     )

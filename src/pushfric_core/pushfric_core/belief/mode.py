@@ -25,7 +25,7 @@ LEAST_FREEDOM = 0.05
 """A sector that draws the mode to its own errors wholly shows none; they are enlarged as if this share of them were left."""
 
 
-class Mode(NamedTuple):
+class PosteriorMode(NamedTuple):
     """A mode, and how it rests on each of g sectors of the contacts."""
 
     problem: Problem
@@ -51,7 +51,7 @@ def common_misfit(problem: Problem, fit: Fit, size: float) -> float:
     return math.hypot(FLOOR * size, shared)
 
 
-def finding(points: Array, steps: Steps, size: float) -> Generator[None, None, Mode | None]:
+def finding(points: Array, steps: Steps, size: float) -> Generator[None, None, PosteriorMode | None]:
     """The mode over support points (n, 2) [m]; None if nothing moves into the object; pauses after each step.
 
     It is sought for an area and for feet; the one whose sectors foretell each other better is taken.
@@ -72,7 +72,7 @@ def finding(points: Array, steps: Steps, size: float) -> Generator[None, None, M
         of_area = yield from fitting(area, of_area.parameters)
     alike = np.append(solved(feet.root, area.root @ of_area.parameters[:-1]), of_area.parameters[-1])
     of_feet = yield from fitting(feet, alike)
-    modes = [Mode(problem, fit, size, *_left_out(problem, fit)) for problem, fit in ((area, of_area), (feet, of_feet))]
+    modes = [PosteriorMode(problem, fit, size, *_left_out(problem, fit)) for problem, fit in ((area, of_area), (feet, of_feet))]
     yield
     return min(modes, key=lambda one: one.cost)
 

@@ -10,7 +10,7 @@ import numpy as np
 from pushfric_core.belief.stretches import at_contacts
 from pushfric_core.geometry.planar import Array, velocity_at
 from pushfric_core.geometry.support import rms_arm
-from pushfric_core.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import Apart
 from pushfric_core.wording import counted
@@ -68,7 +68,7 @@ def normals_inward(points: Array, observations: Sequence[Observation]) -> Reason
         f"the normals point inward in {behind.sum()} of {len(behind)} observations: contact_normal must point away "
         "from the object; negate normal_x and normal_y"
     )
-    return Reason(ReasonCode.NORMALS_INWARD, text)
+    return Reason("normals_inward", text)
 
 
 def too_fast(points: Array, observations: Sequence[Observation], only_timed: bool) -> Reason | None:
@@ -88,7 +88,7 @@ def too_fast(points: Array, observations: Sequence[Observation], only_timed: boo
         f"the object moves faster than {fastest:.2g} m/s in {len(fast)} of {len(observations)} observations, where "
         "inertia is not small next to friction: push more slowly, or give vx, vy in m/s"
     )
-    return Reason(ReasonCode.TOO_FAST, text)
+    return Reason("too_fast", text)
 
 
 def forces_off(points: Array, observations: Sequence[Observation]) -> Reason | None:
@@ -105,13 +105,13 @@ def forces_off(points: Array, observations: Sequence[Observation]) -> Reason | N
     turn = math.degrees(cmath.phase(mean))
     if abs(mean) < SCATTERED:
         text = "the measured forces do not turn with the object: give force_x, force_y in the object frame"
-        return Reason(ReasonCode.FORCES_SCATTERED, text)
+        return Reason("forces_scattered", text)
     if abs(turn) > 180 - math.degrees(TURNED):
         text = "the measured forces oppose the motion: force_x, force_y are of the pusher ON the object; negate them"
-        return Reason(ReasonCode.FORCES_OPPOSED, text)
+        return Reason("forces_opposed", text)
     if abs(turn) > math.degrees(TURNED):
         text = f"the measured forces are turned by {turn:.0f} degrees against the motion: check the sensor's frame"
-        return Reason(ReasonCode.FORCES_TURNED, text)
+        return Reason("forces_turned", text)
     return None
 
 
@@ -139,14 +139,14 @@ def tip_off(observations: Sequence[Observation]) -> TipOff | None:
             f"the outline or tip_radius is too {size}, the tip is {ahead} than line_origin says, or images have {late} "
             "stamps; measure these again"
         )
-        return TipOff(Reason(ReasonCode.TIP_OFF_ACROSS, text), abs(depth), False)
+        return TipOff(Reason("tip_off_across", text), abs(depth), False)
     if shifted.detected:
         x, y = (1e3 * shifted.lengths).tolist()
         text = (
             f"the outline seems to be shifted by ({x:.1f}, {y:.1f}) mm in the object frame, because the tip is inside "
             "it on one side and away from it on the other: measure where the outline lies in the frame that is tracked"
         )
-        return TipOff(Reason(ReasonCode.OUTLINE_SHIFTED, text), math.hypot(x, y) / 1e3, True)
+        return TipOff(Reason("outline_shifted", text), math.hypot(x, y) / 1e3, True)
     return None
 
 

@@ -27,10 +27,10 @@ from pushfric_core.cell.node_settings import (
     TipConfig,
     ViewConfig,
 )
-from pushfric_core.cell.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, tracker_kinds
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import yaml_content
+from pushfric_core.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, spare_trackers, tracker_kinds
 from pushfric_core.pushers.pusher import PusherConfig, PusherDriver
 from pushfric_core.settings import fields_of, key_of, read, setting
 
@@ -131,7 +131,8 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         values = _mapping(name, whole.pop(name, {}))
         try:
             configs = [*SECTIONS[name], *driver_kinds(name, values)]
-            return read(_beside(values, folder, configs), *configs, keys=True)
+            spare = spare_trackers(values.get("tracker", CameraConfig.tracker)) if name == "camera" else []
+            return read(_beside(values, folder, [*configs, *spare]), *configs, *spare, keys=True)[: len(configs)]
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
 

@@ -42,7 +42,7 @@ class Application(typer.Typer):
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
         """As of typer; an option without a metavar gets one from its type, and an argument from its name."""
-        plain: dict[str, Any] = {"cls": Command, "context_settings": CONTEXT}
+        plain: dict[str, Any] = {"cls": PlainCommand, "context_settings": CONTEXT}
         register = super().command(name, **(plain | settings))
 
         def registered(function: Any) -> Any:
@@ -66,7 +66,7 @@ def _metavar(parameter: inspect.Parameter, argument: bool) -> str | None:
     return METAVARS.get(typing.get_args(kind)[0] if typing.get_origin(kind) is list else kind)
 
 
-class Command(typer.core.TyperCommand):
+class PlainCommand(typer.core.TyperCommand):
     """A command in plain help; options of the same `rich_help_panel` stand in a section of that name."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:

@@ -26,7 +26,7 @@ BagArgument = Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its 
 app = Application()
 
 
-class Checked(NamedTuple):
+class CheckedBag(NamedTuple):
     """A bag, and what its messages say."""
 
     bag: Bag
@@ -95,7 +95,7 @@ def verify(bag: BagArgument, json: JsonOption = None) -> None:
     _end(checked, json)
 
 
-def _checked(path: pathlib.Path) -> Checked:
+def _checked(path: pathlib.Path) -> CheckedBag:
     bag = Bag(path)
     ledgers: dict[str, Ledger] = {}
     doubts = [Doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}") for text in bag.lost]
@@ -107,10 +107,10 @@ def _checked(path: pathlib.Path) -> Checked:
         else:
             ledgers |= {} if ledger is None else {cell: ledger}
     doubts += [one for ledger in ledgers.values() for one in ledger.doubts if one not in doubts]
-    return Checked(bag, ledgers, doubts, [one for ledger in ledgers.values() for one in ledger.remarks])
+    return CheckedBag(bag, ledgers, doubts, [one for ledger in ledgers.values() for one in ledger.remarks])
 
 
-def _condition(checked: Checked) -> dict[str, Any]:
+def _condition(checked: CheckedBag) -> dict[str, Any]:
     """The condition of a bag, as JSON: whether it is whole, what it holds, and what is missing."""
     bag, damage = checked.bag, checked.bag.damage
     gaps = [] if damage is None else damage.gaps
@@ -145,7 +145,7 @@ def _contents(bag: Bag) -> Iterator[str]:
         yield f"{title:<19}Topic: {topic.name} | Type: {topic.type_name} | Count: {topic.message_count}"
 
 
-def _end(checked: Checked, json: str | None) -> None:
+def _end(checked: CheckedBag, json: str | None) -> None:
     """Say whether a bag is whole, unless the JSON on stdout does, and what is missing; exit with 1 if something is."""
     bag = checked.bag
     if json != STDOUT:

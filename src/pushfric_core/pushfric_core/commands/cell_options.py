@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig
-from pushfric_core.commands.application import Command
+from pushfric_core.commands.application import PlainCommand
 from pushfric_core.errors import InvalidInput
 
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
@@ -21,7 +21,7 @@ AUTO_VIEW = "auto"
 """The address that stands for a --view without an address."""
 
 
-class WithView(Command):
+class WithView(PlainCommand):
     """A command with the option --view, which may stand alone."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

@@ -17,7 +17,7 @@ import typer.main
 
 import pushfric_core
 from pushfric_core import commands
-from pushfric_core.commands.application import HELP, Application, Command, Group, UsageError, complaint
+from pushfric_core.commands.application import HELP, Application, Group, PlainCommand, UsageError, complaint
 from pushfric_core.commands.console import fail
 from pushfric_core.commands.interrupt import undoing
 from pushfric_core.commands.json_option import spelled_out
@@ -51,7 +51,7 @@ class Commands(Group):
         package = package_of(cmd_name)
         if package is None:
             return None
-        return Command(cmd_name, help=package.COMMANDS[cmd_name])
+        return PlainCommand(cmd_name, help=package.COMMANDS[cmd_name])
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)  # refuses a name that is not in the list

@@ -1,8 +1,12 @@
-"""An estimate as it is reported, the same live, replayed and offline: as one record, and its JSON."""
+"""An estimate as it is reported, the same live, replayed and offline: a record of the program, and in it one of the belief.
+
+The fields have the names of the JSON; an annotation says where a field stands in the message, unless under its own name. JSON
+and message are made from them by `records.plain` and by `converter` of pushfric_ros.messages.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,13 +17,11 @@ from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import FrictionModel, MuC
 from pushfric_core.program.contact_friction import Slip
 from pushfric_core.reasons import Reason
+from pushfric_core.records import FieldPlace, plain
 from pushfric_core.solvers.program import Status
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
-
-SLIP_NAMES = [state.value for state in Slip]
-"""The words for a slip, in the order of the values of ContactFriction.slips."""
 
 BIN_WIDTH = 0.05
 """Width of the bins of the histogram of lower bounds on mu_c, about that of Figures 7 and 8."""
@@ -34,74 +36,95 @@ def histogram(lower_bounds: npt.ArrayLike) -> np.ndarray:
     return np.bincount(bins.astype(int), minlength=BINS)
 
 
-class FrictionReport(NamedTuple):
-    """The mu_c of an estimate, which takes every observation into account."""
+@dataclass(frozen=True, kw_only=True)
+class BoundsReport:
+    """The lower bounds on mu_c."""
 
-    data_points: int  # it rests on
     p90: float  # 90 % of the lower bounds lie at or below this value
-    most: float  # the largest lower bound
-    counts: Sequence[int]  # of the lower bounds in each bin: see `histogram`
-    slipping: tuple[float, float] | None  # least and greatest bound of pushes known to slip; None: there is none
-    slips: Sequence[int]  # observations of each kind, in the order of `Slip`; empty: unknown
-    slip: Slip  # at the newest observation
-    mu_c: MuC | None
+    max: float  # the largest lower bound
+    slipping: tuple[float, float] | None = None  # least and greatest bound of pushes known to slip; None: there is none
+    histogram: Annotated[Sequence[int], FieldPlace(key="")]  # number of them in each bin: see `histogram`
+    slips: Annotated[Sequence[int], FieldPlace(key="")] = ()  # of each kind, in the order of `Slip`; empty: unknown
+    slip: Annotated[Slip, FieldPlace(key="")]  # at the newest observation
 
     @classmethod
-    def of(cls, estimate: "Estimate", belief: FrictionModel | None, slipping: Sequence[bool] = ()) -> "FrictionReport":
-        """The report on an estimate and what is believed of mu_c, O(M) for M observations.
+    def of(cls, estimate: "Estimate", slipping: Sequence[bool] = ()) -> "BoundsReport":
+        """The report on an estimate, O(M) for M observations.
 
         Args:
             estimate: from at least one observation.
-            belief: that of the estimate, or of an earlier one.
             slipping: for each observation, whether its contact is known to have slipped; empty: for none.
         """
         bounds = estimate.contact_friction
         slid = bounds[np.asarray(slipping)] if any(slipping) else None
         slips = np.empty(0, int) if estimate.tip is None else estimate.tip.slips
         return cls(
-            estimate.data_points,
-            estimate.mu_c_p90,
-            estimate.mu_c_max,
-            histogram(bounds).tolist(),
-            None if slid is None else (float(slid.min()), float(slid.max())),
-            () if estimate.tip is None else np.bincount(slips, minlength=len(Slip)).tolist(),
-            list(Slip)[slips[-1]] if len(slips) else Slip.UNKNOWN,
-            None if belief is None else belief.known_mu_c,
+            p90=estimate.mu_c_p90,
+            max=estimate.mu_c_max,
+            histogram=histogram(bounds).tolist(),
+            slipping=None if slid is None else (float(slid.min()), float(slid.max())),
+            slips=() if estimate.tip is None else np.bincount(slips, minlength=len(Slip)).tolist(),
+            slip=list(Slip)[slips[-1]] if len(slips) else Slip.UNKNOWN,
         )
 
-
-class SpreadReport(NamedTuple):
-    """The belief about w, with its uncertainty."""
-
-    covariance: Array  # (2, 2) of p_CF [m^2]
-    middle: Array  # (n,) the mean w
-    intervals: Array  # (n, 2) low and high of each w_j
+    @property
+    def data_points(self) -> int:
+        """Number of observations that it rests on."""
+        return sum(self.histogram)
 
 
 @dataclass(frozen=True)
+class VerdictReport:
+    """Why an estimate is not to be used, and what should be put right although it may be used."""
+
+    reasons: tuple[Reason, ...]
+    notes: tuple[Reason, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeliefReport:
+    """All that claims how far it may be off, and the verdict. What the pushes do not show is None."""
+
+    center_of_friction: Annotated[Array | None, FieldPlace("spread.center_of_friction")] = None  # (2,)
+    covariance: Annotated[Array | None, FieldPlace("spread.covariance")] = None  # (2, 2) of p_CF [m^2]
+    radius: Annotated[float | None, FieldPlace("confidence")] = None  # about p_CF [m]
+    w: Annotated[Array | None, FieldPlace("spread.middle")] = None  # (n,) the mean
+    w_intervals: Annotated[Array | None, FieldPlace("spread.low spread.high")] = None  # (n, 2) of each w_j
+    mu_c: Annotated[MuC | None, FieldPlace("contact_friction")] = None
+    verdict: Annotated[VerdictReport, FieldPlace("")]
+    rejected: tuple[Rejected, ...]
+    change: Change | None  # of the object
+    data_points: Annotated[int, FieldPlace("spread.data_points", "")]  # observations that all but the verdict rests on
+
+    @classmethod
+    def of(cls, model: FrictionModel | None, verdict: Verdict, data_points: int) -> "BeliefReport":
+        """The report on what is believed, if anything, and on the verdict."""
+        said: dict[str, Any] = {} if model is None else {"mu_c": model.known_mu_c}
+        if model is not None and model.covariance is not None:
+            said |= {"center_of_friction": model.center_of_friction, "covariance": model.covariance, "radius": model.confidence}
+            said |= {"w": model.support.weights, "w_intervals": model.intervals}
+        judged = VerdictReport(verdict.reasons, verdict.notes)
+        return cls(**said, verdict=judged, rejected=verdict.rejected, change=verdict.change, data_points=data_points)
+
+
+@dataclass(frozen=True, kw_only=True)
 class EstimateReport:
     """Everything that is said of an estimate: in a message, as JSON, and on the page. SI units, object frame."""
 
-    object_name: str
-    stamp: int  # of the newest observation [ns]
-    status: Status
-    data_points: int
-    pushes: int
-    support_points: Array  # (n, 2)
-    w: Array  # (n,)
-    center_of_friction: Array  # (2,)
+    object: str  # its name
+    stamp: Annotated[int, FieldPlace("header.stamp", "")]  # of the newest observation [ns]
     objective: float
     lower_bound: float
     gap: float
-    total_friction: float | None  # [N]; None without measured forces
-    friction: FrictionReport
-    believed: int  # number of observations that the spread and the value of mu_c rest on
-    spread: SpreadReport | None  # None: not computed, or the pushes cannot give it
-    confidence: float | None  # radius about the belief's p_CF [m]; None without a spread
-    reasons: Sequence[Reason] = ()  # why the estimate is not to be used
-    notes: Sequence[Reason] = ()
-    rejected: Sequence[Rejected] = ()
-    change: Change | None = None  # of the object
+    w: Annotated[Array, FieldPlace("support_friction.weights")]  # (n,)
+    support_points: Annotated[Array, FieldPlace("support_friction.support_points")]  # (n, 2)
+    center_of_friction: Array  # (2,)
+    mu_c: Annotated[BoundsReport, FieldPlace("contact_friction")]
+    data_points: int
+    pushes: int
+    status: Status
+    total_friction: Annotated[float | None, FieldPlace("support_friction.total_friction")] = None  # [N]; None: no forces
+    belief: Annotated[BeliefReport, FieldPlace("")]
 
     @classmethod
     def of(
@@ -111,10 +134,10 @@ class EstimateReport:
         belief: FrictionModel | None,
         slipping: Sequence[bool] = (),
         verdict: Verdict | None = None,
-        friction: FrictionReport | None = None,
+        bounds: BoundsReport | None = None,
         believed: int | None = None,
     ) -> "EstimateReport":
-        """The report on an estimate.
+        """The report on an estimate: each field is what the estimate, or its solution, has under that name.
 
         Args:
             estimate: from at least one observation.
@@ -122,79 +145,26 @@ class EstimateReport:
             belief: that of the estimate, or of an earlier one.
             slipping: for each observation, whether its contact is known to have slipped; empty: for none.
             verdict: on its input; None: not judged.
-            friction: what is said of mu_c; None: what this estimate says.
+            bounds: those on mu_c; None: those of this estimate.
             believed: number of observations that the belief rests on; None: all.
         """
-        solution, verdict = estimate.solution, verdict or Verdict()
-        return cls(
-            object_name,
-            estimate.stamp,
-            estimate.status,
-            estimate.data_points,
-            estimate.pushes,
-            estimate.support_points,
-            estimate.w,
-            estimate.center_of_friction,
-            solution.objective,
-            solution.lower_bound,
-            solution.gap,
-            estimate.total_friction,
-            friction or FrictionReport.of(estimate, belief, slipping),
-            estimate.data_points if believed is None else believed,
-            None
-            if belief is None or belief.covariance is None
-            else SpreadReport(belief.covariance, belief.support.weights, belief.intervals),
-            None if belief is None else belief.confidence,
-            verdict.reasons,
-            verdict.notes,
-            verdict.rejected,
-            verdict.change,
-        )
+        given: dict[str, Any] = {
+            "object": object_name,
+            "mu_c": bounds or BoundsReport.of(estimate, slipping),
+            "belief": BeliefReport.of(belief, verdict or Verdict(), estimate.data_points if believed is None else believed),
+        }
+        for name in {field.name for field in fields(cls)} - given.keys():
+            given[name] = getattr(estimate if hasattr(estimate, name) else estimate.solution, name)
+        return cls(**given)
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers as the command line's JSON names them."""
-        friction = self.friction
-        figures: dict[str, Any] = {
-            "object": self.object_name,
-            "objective": self.objective,
-            "lower_bound": self.lower_bound,
-            "gap": self.gap,
-            "w": self.w.tolist(),
-            "support_points": self.support_points.tolist(),
-            "center_of_friction": self.center_of_friction.tolist(),
-            "mu_c": {"p90": friction.p90, "max": friction.most},
-            "data_points": self.data_points,
-            "pushes": self.pushes,
-            "status": self.status.value,
-        }
-        if friction.slipping is not None:
-            figures["mu_c"]["slipping"] = list(friction.slipping)
-        if self.total_friction is not None:
-            figures["total_friction"] = self.total_friction
-        if friction.slips:
-            figures["mu_c"]["slips"] = dict(zip(SLIP_NAMES, friction.slips, strict=True))
-        return figures | {"belief": self._belief()}
-
-    def _belief(self) -> dict[str, Any]:
-        """All that claims how far it may be off, and the verdict."""
-        belief: dict[str, Any] = {}
-        if self.spread is not None:
-            spread = self.spread
-            belief |= {
-                "center_of_friction": (spread.middle @ self.support_points).tolist(),
-                "covariance": spread.covariance.tolist(),
-                "radius": self.confidence,
-                "w": spread.middle.tolist(),
-                "w_intervals": spread.intervals.tolist(),
-            }
-        if (mu_c := self.friction.mu_c) is not None:
-            belief["mu_c"] = {"value": mu_c.value, "interval": [mu_c.low, mu_c.high], "kind": mu_c.kind.value}
-        reasons, notes = ([one._asdict() for one in found] for found in (self.reasons, self.notes))
-        belief["verdict"] = {"use": not self.reasons, "reasons": reasons, "notes": notes}
-        belief["rejected"] = [{"push": one.push_id, "reason": one.reason._asdict()} for one in self.rejected]
-        change = self.change
-        belief["change"] = None if change is None else {"since_push": change.since, "shift": list(change.shift)}
-        return belief
+        figures: dict[str, Any] = plain(self)
+        verdict = figures["belief"]["verdict"]
+        figures["belief"]["verdict"] = {"use": not verdict["reasons"]} | verdict
+        if self.mu_c.slips:
+            figures["mu_c"]["slips"] = dict(zip((one.value for one in Slip), self.mu_c.slips, strict=True))
+        return figures
 
 
 def center_line(figures: dict[str, Any]) -> str:

@@ -6,10 +6,12 @@ import copy
 import math
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
+from pushfric_core import plugins
 from pushfric_core.belief.doubts import Rejected
 from pushfric_core.belief.judge import Judgement, judging
 from pushfric_core.estimation.estimate import Estimate
@@ -17,6 +19,7 @@ from pushfric_core.estimation.excitation import Excitation
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.support import COR_SHARE, FreeRadii, SupportForces, check_points, rms_arm, support_forces
+from pushfric_core.plugins import installed, plugin
 from pushfric_core.program.constraint_rows import stack
 from pushfric_core.program.constraints import (
     Cone,
@@ -57,8 +60,8 @@ ABLE = "auto: with the solver simplex and the loss l1, which it needs"
 class EstimatorConfig:
     """Which constraints make up the program; except for cor_radius, the defaults are the paper's (section 5).
 
-    `terms` takes the names of the built-in constraints, and objects of your own subclasses of `Constraint`. A solver and a loss
-    may be given by name, too.
+    `terms` takes the names of the built-in constraints and of entry points of the group pushfric.terms, and objects of your own
+    subclasses of `Constraint`. A solver and a loss may be given by name, too.
 
     Example:
         >>> from pushfric_core import Estimator, EstimatorConfig
@@ -67,7 +70,9 @@ class EstimatorConfig:
         [0.5, 0.5]
     """
 
-    terms: tuple[str | Constraint, ...] = setting(("moment",), f"terms of the fit error, any of: {', '.join(TERMS)}")
+    terms: tuple[str | Constraint, ...] = setting(
+        ("moment",), f"terms of the fit error, any of: {', '.join(TERMS)}; or those of other packages"
+    )
     half_width: float = setting(0.0, "half the contact interval of observations without their own [m] (eqs 5 and 6)", 0.0, 1.0)
     cor_radius: float | None = setting(
         None,
@@ -112,9 +117,10 @@ class EstimatorConfig:
                 raise ValueError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
             object.__setattr__(self, name, choices(getattr(self, name)))
         object.__setattr__(self, "terms", tuple(self.terms))
-        unknown = [term for term in self.terms if not isinstance(term, Constraint) and term not in list(TERMS)]
-        if unknown:
-            raise ValueError(f"terms must be of {', '.join(TERMS)}, got the unknown {', '.join(map(repr, unknown))}")
+        unknown = [term for term in self._own if not isinstance(term, Constraint)]
+        if unknown and (unknown := [term for term in unknown if term not in installed(plugins.TERMS)]):
+            known = ", ".join((*TERMS, *installed(plugins.TERMS)))
+            raise ValueError(f"terms must be of {known}, got the unknown {', '.join(map(repr, unknown))}")
         if not self.terms:
             raise ValueError(f"terms must name at least one of {', '.join(TERMS)}, got none")
         if "cone" in self.terms and self.mu_bound == math.inf:
@@ -130,10 +136,18 @@ class EstimatorConfig:
             raise ValueError("tie_break cannot act with the term force, whose scale leaves no ties; leave it to auto")
 
     @property
+    def _own(self) -> list[str | Constraint]:
+        return [term for term in self.terms if isinstance(term, Constraint) or term not in list(TERMS)]
+
+    @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
-        """The constraints that make the rows of an observation: built-in terms, your own ones, and eq. 7."""
+        """The constraints that make the rows of an observation: built-in terms, your own ones, and eq. 7.
+
+        Raises:
+            ValueError: a term from outside cannot be loaded, or is no constraint.
+        """
         built_in = tuple(make(self) for name, make in TERMS.items() if name in self.terms)
-        own = tuple(term for term in self.terms if isinstance(term, Constraint))
+        own = tuple(term if isinstance(term, Constraint) else _from_outside(term) for term in self._own)
         return built_in + own + (NormalForce(self.pull_penalty),) * self.nonnegative_force
 
     @property
@@ -150,6 +164,14 @@ class EstimatorConfig:
     def needs_force(self) -> bool:
         """Whether a term needs measured forces."""
         return any(constraint.needs_force for constraint in self.constraints)
+
+
+def _from_outside(name: str) -> Constraint:
+    found = plugin(plugins.TERMS, name)
+    made = found() if callable(found) else found
+    if not isinstance(made, Constraint):
+        raise ValueError(f"term {name!r} must be a Constraint, got {type(made).__name__}")
+    return made
 
 
 def free_radii(support_points: Array, config: EstimatorConfig) -> FreeRadii:

@@ -3,7 +3,7 @@
 import itertools
 import math
 
-from pushfric_core.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason
 from pushfric_core.wording import counted
 
 FEWEST_PUSHES = 4
@@ -58,15 +58,15 @@ class Excitation:
         """The lack of this number of pushes that keeps it from showing how far p_CF is off; None if there is none."""
         if pushes < FEWEST_PUSHES:
             return Reason(
-                ReasonCode.FEW_PUSHES,
+                "few_pushes",
                 f"p_CF rests on {counted(pushes, 'push', 'pushes')}, and fewer than {FEWEST_PUSHES} cannot tell how far it is "
                 f"off: push at least {FEWEST_PUSHES} times, at {FEWEST_PLACES} places or more, on more than one side",
             )
         if self._separate < FEWEST_PLACES:
             where = "one place" if self._separate == 1 else f"{self._separate} places"
             text = f"all pushes are at {where} and say the same: push at least {FEWEST_PLACES} places, on more than one side"
-            return Reason(ReasonCode.FEW_PLACES, text)
+            return Reason("few_places", text)
         if self._one_side:
             text = "all pushes are against one side, which leaves p_CF open across it: push another side, too"
-            return Reason(ReasonCode.ONE_SIDE, text)
+            return Reason("one_side", text)
         return None

@@ -8,7 +8,7 @@ from pushfric_core.belief.doubts import Change, Rejected
 from pushfric_core.belief.judge import Judgement
 from pushfric_core.geometry.planar import cross, velocity_at
 from pushfric_core.geometry.support import rms_arm
-from pushfric_core.reasons import Reason, ReasonCode
+from pushfric_core.reasons import Reason
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate
@@ -51,12 +51,13 @@ class Verdict:
         if self.change is None:
             return self.mistakes
         x, y = (1e3 * value for value in self.change.shift)
+        since = self.change.since_push
         changed = (
-            f"the object is another one since push {self.change.since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
-            f"was moved, or it was exchanged; start again from push {self.change.since}, with reset or by leaving the earlier "
+            f"the object is another one since push {since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
+            f"was moved, or it was exchanged; start again from push {since}, with reset or by leaving the earlier "
             "pushes out"
         )
-        return Reason(ReasonCode.OBJECT_CHANGED, changed), *self.mistakes
+        return Reason("object_changed", changed), *self.mistakes
 
     @property
     def use(self) -> bool:
@@ -70,8 +71,8 @@ class Verdict:
 def verdict_on(estimate: "Estimate", judgement: Judgement) -> Verdict:
     """Whether an estimate may be used, by what was judged of its observations, or when the last push had ended."""
     belief, doubts = judgement
-    told = belief is not None and estimate.lack is None and not estimate.center_given
-    radius = math.inf if belief is None or belief.confidence is None or not told else belief.confidence
+    center_known = belief is not None and estimate.lack is None and not estimate.center_given
+    radius = math.inf if belief is None or belief.confidence is None or not center_known else belief.confidence
     known_to = min(radius, CERTAINLY_OFF)
     mistakes = [one for one in doubts.mistakes if one.size > known_to]
     notes = [one.reason for one in doubts.mistakes if one.size <= known_to][:1]
@@ -94,7 +95,7 @@ def verdict_on(estimate: "Estimate", judgement: Judgement) -> Verdict:
             f"p_CF is only known to within {1e3 * radius:.1f} mm, and {1e3 * estimate.useful_radius:.1f} mm are asked for: "
             "push more, at other places and on other sides"
         )
-        lack = [Reason(ReasonCode.UNCERTAIN, text)]
+        lack = [Reason("uncertain", text)]
     rejected = sorted({*estimate.rejected, *doubts.rejected})
     return Verdict((*wrong, *lack), tuple(rejected), change, tuple(notes))
 
@@ -103,13 +104,13 @@ def _conflicts(estimate: "Estimate", misfit: float | None) -> list[Reason]:
     """Whether pushes contradict each other, or what is known of the object."""
     if estimate.contradiction is not None:
         text = f"{estimate.contradiction}: leave out a bad one of them with --exclude-push"
-        return [Reason(ReasonCode.CONTRADICTION, text)]
+        return [Reason("contradiction", text)]
     if misfit is not None and misfit > POOR_MISFIT:
         text = (
             f"motions are typically {math.degrees(misfit):.0f} degrees off, far more than those of real pushes: "
             "check the units and frames of contact, twist and outline, and the support points"
         )
-        return [Reason(ReasonCode.POOR_FIT, text)]
+        return [Reason("poor_fit", text)]
     return _opposed(estimate) if estimate.center_given and estimate.lack is None else []
 
 
@@ -137,4 +138,4 @@ def _opposed(estimate: "Estimate") -> list[Reason]:
         f"pushes, the object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: the centre of friction that was "
         "given must be wrong"
     )
-    return [Reason(ReasonCode.HALF_PLANES, text)]
+    return [Reason("half_planes", text)]

@@ -12,7 +12,7 @@ from pushfric_core.files.whole_file import write_whole
 from pushfric_core.plausible import FARTHEST, check_within
 
 
-class Row(NamedTuple):
+class CsvRow(NamedTuple):
     """A row of a table."""
 
     where: str  # file and line, for errors
@@ -55,7 +55,7 @@ class CsvTable(NamedTuple):
     """A table with a row of names first."""
 
     columns: Sequence[str]
-    rows: Sequence[Row]
+    rows: Sequence[CsvRow]
 
 
 def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected: str = "") -> CsvTable:
@@ -75,7 +75,7 @@ def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected
         reader.fieldnames = found
         if missing := [name for name in columns if name not in found]:
             raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected {expected or ', '.join(columns)}")
-        rows = [Row(f"{path}, line {reader.line_num}", row) for row in reader]
+        rows = [CsvRow(f"{path}, line {reader.line_num}", row) for row in reader]
     if not rows:
         raise InvalidInput(f"{path}: no {things}; expected a row for each")
     return CsvTable(found, rows)

@@ -21,6 +21,7 @@ from pushfric_core.geometry.planar import Pose, Twist
 from pushfric_core.mechanics.prediction import FrictionModel, Kind
 from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
+from pushfric_core.records import plain
 from pushfric_core.trajectories.observation import PUSH_IDS, Observation
 from pushfric_core.wording import observations_of
 
@@ -29,8 +30,10 @@ FORMAT = 2
 VERSIONED = ("pushfric_core", "numpy", "scipy")
 """Packages whose versions a model names."""
 
-NAMES = {"contact_point": "contact", "contact_normal": "normal", "the twist": "twist"}
-"""The keys of those fields of an observation that have another name here."""
+FIELDS = {"contact": "contact_point", "normal": "contact_normal"}
+"""The fields of an observation whose keys have other names."""
+
+KEYS = {field: key for key, field in FIELDS.items()} | {"the twist": "twist"}
 
 Share = Annotated[float, pydantic.Field(ge=0, le=1)]
 Positive = Annotated[float, pydantic.Field(ge=0)]
@@ -154,17 +157,8 @@ class ModelFile(Strict):
         """The observations that the model was made from, in order."""
         return [
             Observation(
-                point.contact,
-                point.normal,
-                Twist(*point.twist),
-                point.push_id,
-                half_width=point.half_width,
-                duration=point.duration,
-                stamp=point.stamp,
-                pose=None if point.pose is None else Pose(*point.pose),
-                force=point.force,
-                tip_velocity=point.tip_velocity,
-                depth=point.depth,
+                **{FIELDS.get(key, key): getattr(point, key) for key in ObservationEntry.model_fields}
+                | {"twist": Twist(*point.twist), "pose": None if point.pose is None else Pose(*point.pose)}
             )
             for point in self.data_points
         ]
@@ -204,37 +198,14 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
 
 
 def _belief(friction: FrictionModel) -> BeliefFile:
-    known, (x, y) = friction.known_mu_c, friction.center_of_friction.tolist()
-    covariance = None
-    if friction.covariance is not None:
-        (a, b), (c, d) = friction.covariance.tolist()
-        covariance = (a, b), (c, d)
-    return BeliefFile(
-        center_of_friction=(x, y),
-        covariance=covariance,
-        radius=friction.confidence,
-        w=friction.support.weights.tolist(),
-        mu_c=known and ContactFrictionFile(value=known.value, interval=(known.low, known.high), kind=known.kind),
-        misfit=friction.misfit,
-        stroke_misfit=friction.stroke_misfit,
-        samples=tuple(SampleFile(**sample) for sample in friction.samples),
-    )
+    said = {"radius": friction.confidence, "w": friction.support.weights, "mu_c": friction.known_mu_c}
+    keys = BeliefFile.model_fields
+    return BeliefFile.model_validate({key: plain(said[key] if key in said else getattr(friction, key)) for key in keys})
 
 
 def _entry(observation: Observation) -> ObservationEntry:
-    return ObservationEntry(
-        contact=observation.contact_point,
-        normal=observation.contact_normal,
-        twist=(*observation.twist,),
-        push_id=observation.push_id,
-        half_width=observation.half_width,
-        duration=observation.duration,
-        stamp=observation.stamp,
-        pose=None if observation.pose is None else (*observation.pose,),
-        force=observation.force,
-        tip_velocity=observation.tip_velocity,
-        depth=observation.depth,
-    )
+    keys = ObservationEntry.model_fields
+    return ObservationEntry.model_validate({key: getattr(observation, FIELDS.get(key, key)) for key in keys})
 
 
 def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
@@ -249,7 +220,7 @@ def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
         for observation in file.observations():
             observation.check_contact(model.outline)
     except (ValueError, PushfricError) as error:
-        raise InvalidInput(f"{path}: data_points: {as_named_here(error, NAMES)}") from error
+        raise InvalidInput(f"{path}: data_points: {as_named_here(error, KEYS)}") from error
     return file, model
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.files.csv_table import Row, read_table, save_table
+from pushfric_core.files.csv_table import CsvRow, read_table, save_table
 from pushfric_core.files.file_errors import as_named_here
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Twist
@@ -58,7 +58,7 @@ def save_observations(observations: Sequence[Observation], path: pathlib.Path) -
     save_table(names, [[row[column] for column in columns] for row in rows], path)
 
 
-def _observation(row: Row, outline: Outline) -> Observation:
+def _observation(row: CsvRow, outline: Outline) -> Observation:
     number, where = row.number, row.where
 
     def pair(x: str, y: str) -> tuple[float, float] | None:

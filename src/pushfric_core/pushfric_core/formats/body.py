@@ -94,7 +94,7 @@ def load_of(mass: float | None, table_friction: float | None, gravity: float, to
 
 
 @dataclass(frozen=True)
-class Body:
+class ExportedBody:
     """The object. Lengths are in its frame, SI units throughout.
 
     Attributes:

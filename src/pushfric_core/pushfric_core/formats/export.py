@@ -3,7 +3,7 @@
 import json as jsons
 from collections.abc import Callable
 
-from pushfric_core.formats.body import GRAVITY, HEIGHT, PUSHER_RADIUS, Body, load_of
+from pushfric_core.formats.body import GRAVITY, HEIGHT, PUSHER_RADIUS, ExportedBody, load_of
 from pushfric_core.formats.mjcf import mjcf
 from pushfric_core.formats.sdf import sdf
 from pushfric_core.geometry.outline import Outline
@@ -14,7 +14,7 @@ FORMAT = 1
 """Version of the JSON."""
 
 
-def json(body: Body) -> dict[str, str]:
+def json(body: ExportedBody) -> dict[str, str]:
     """All that is known, object frame, SI units; docs/planning.md has the keys."""
     friction, load, feet = body.friction, body.load, body.feet
     content = {
@@ -47,7 +47,7 @@ def json(body: Body) -> dict[str, str]:
     return {f"{body.file_name}.json": jsons.dumps(content, indent=1) + "\n"}
 
 
-FORMATS: dict[str, Callable[[Body], dict[str, str]]] = {
+FORMATS: dict[str, Callable[[ExportedBody], dict[str, str]]] = {
     "mjcf": mjcf,
     "sdf": sdf,
     "json": json,
@@ -98,4 +98,4 @@ def export(
     if to not in FORMATS:
         raise ValueError(f"expected one of the formats {', '.join(FORMATS)}, got {to!r}")
     load = load_of(mass, table_friction, gravity, total_friction)
-    return FORMATS[to](Body(name, outline, model, load, height, pusher_radius, rests_on))
+    return FORMATS[to](ExportedBody(name, outline, model, load, height, pusher_radius, rests_on))

@@ -2,7 +2,7 @@
 
 from xml.etree.ElementTree import Element
 
-from pushfric_core.formats.body import CLEARANCE, FOOT_RADIUS, GYRATION, SHELL_MASS, Body
+from pushfric_core.formats.body import CLEARANCE, FOOT_RADIUS, GYRATION, SHELL_MASS, ExportedBody
 from pushfric_core.formats.xml_text import document, element, numbers
 
 TIME_STEP = 1e-3
@@ -32,7 +32,7 @@ NOTES = (
 )
 
 
-def mjcf(body: Body) -> dict[str, str]:
+def mjcf(body: ExportedBody) -> dict[str, str]:
     """The files: name and text."""
     root = Element("mujoco", model=body.name)
     gravity = numbers(0, 0, -body.load.gravity)
@@ -61,7 +61,7 @@ def mjcf(body: Body) -> dict[str, str]:
     return {f"{body.file_name}.xml": document(root, body.comments(*NOTES, place))}
 
 
-def _object(body: Body, assets: Element, world: Element) -> None:
+def _object(body: ExportedBody, assets: Element, world: Element) -> None:
     frame = element(world, "body", name="object")
     _slides(frame, "x", "y")
     element(frame, "joint", name="theta", type="hinge", axis="0 0 1")

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from xml.etree.ElementTree import Element
 
-from pushfric_core.formats.body import CLEARANCE, FOOT_RADIUS, GYRATION, SHELL_MASS, Body
+from pushfric_core.formats.body import CLEARANCE, FOOT_RADIUS, GYRATION, SHELL_MASS, ExportedBody
 from pushfric_core.formats.xml_text import document, element, numbers
 from pushfric_core.geometry.planar import Array
 
@@ -18,7 +18,7 @@ Triple = tuple[float, float, float]
 X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
 
-def sdf(body: Body) -> dict[str, str]:
+def sdf(body: ExportedBody) -> dict[str, str]:
     """The files: name and text. x, y and theta carry the shell over the table; each foot presses on it from its own slide."""
     root = Element("sdf", version="1.7")
     model = element(root, "model", name=body.name)
@@ -64,7 +64,7 @@ def _shape(link: Element, k: int, place: Triple, geometry: Element, friction: fl
         element(engine, name, friction)
 
 
-def _shell(body: Body) -> Iterator[tuple[Triple, Element]]:
+def _shell(body: ExportedBody) -> Iterator[tuple[Triple, Element]]:
     """Place and geometry of each piece: one box, or meshes in files of their own."""
     if body.box is None:
         for k in range(len(body.pieces)):
@@ -78,13 +78,13 @@ def _shell(body: Body) -> Iterator[tuple[Triple, Element]]:
         yield (x, y, (body.height + CLEARANCE) / 2), box
 
 
-def _meshes(body: Body) -> dict[str, str]:
+def _meshes(body: ExportedBody) -> dict[str, str]:
     """Convex prisms as OBJ files, by name; none if the shell is a box."""
     pieces = body.pieces if body.box is None else []
     return {_mesh_name(body, k): _prism(piece, body.height) for k, piece in enumerate(pieces)}
 
 
-def _mesh_name(body: Body, k: int) -> str:
+def _mesh_name(body: ExportedBody, k: int) -> str:
     return f"{body.file_name}_{k}.obj"
 
 

@@ -12,6 +12,9 @@ import numpy as np
 from pushfric_core.errors import SolverFailed
 from pushfric_core.geometry.planar import Array, Indices
 
+STILL = 1e-4
+"""A support slower than this fraction of the tip's speed begins to stick; this rounds Coulomb's law for Newton's method."""
+
 CONVERGED = 1e-14
 """A row is done when one more step would lower its function by less than this fraction."""
 
@@ -19,7 +22,7 @@ GAIN = 0.1
 """A step must lower the function by at least this share of what is expected of it."""
 
 
-class Step(NamedTuple):
+class NewtonStep(NamedTuple):
     """Newton's step of some rows."""
 
     value: Array  # (s,) of the functions
@@ -28,7 +31,7 @@ class Step(NamedTuple):
 
 
 def minimized(
-    x: Array, newton: Callable[[Indices, Array], Step], value: Callable[[Indices, Array], Array], steps: int
+    x: Array, newton: Callable[[Indices, Array], NewtonStep], value: Callable[[Indices, Array], Array], steps: int
 ) -> Array:
     """The minima (s, k), found from x (s, k).
 

@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.planar import Array, Indices
-from pushfric_core.mechanics.damped_newton import CONVERGED, GAIN
-from pushfric_core.mechanics.simulation import STILL
+from pushfric_core.mechanics.damped_newton import CONVERGED, GAIN, STILL
 
 FREE, STICKING, SLIDING = range(3)
 """How a tip meets an object."""

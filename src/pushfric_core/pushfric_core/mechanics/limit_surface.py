@@ -22,7 +22,7 @@ import numpy.typing as npt
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, Twist, Wrench, as_array, cross, frozen, left_of
 from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.damped_newton import Step, minimized
+from pushfric_core.mechanics.damped_newton import NewtonStep, minimized
 from pushfric_core.records import comparable
 
 SMOOTHING = 10.0 ** -np.arange(1, 10)
@@ -340,7 +340,7 @@ class LimitSurface:
         """h (s,) of the twists (s, 3) of some rows, with `floor` added to the squared speeds."""
         return self._dissipation(twists, floor[rows])
 
-    def _newton_step(self, directions: Array, floor: Array, rows: Indices, twists: Array) -> Step:
+    def _newton_step(self, directions: Array, floor: Array, rows: Indices, twists: Array) -> NewtonStep:
         """Newton's step (s, 3) on that h from the twists (s, 3) of some rows, within their directions (., 2, 3)."""
         directions, floor = directions[rows], floor[rows]
         x, y = self._arms.T
@@ -363,7 +363,7 @@ class LimitSurface:
         hessian += np.eye(2) * (RIDGE * share.sum(axis=1))[:, None, None]
         shift = -np.linalg.solve(hessian, slope[..., None])[..., 0]
         step = np.sum(shift[..., None] * directions, axis=1)
-        return Step(speeds @ self._support.weights, step, -np.sum(slope * shift, axis=1))
+        return NewtonStep(speeds @ self._support.weights, step, -np.sum(slope * shift, axis=1))
 
 
 class Measurement(NamedTuple):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,8 @@ import numpy.typing as npt
 from pushfric_core.geometry.planar import Array, as_array, frozen, left_of, velocity_at
 from pushfric_core.geometry.support import Support, center_of_friction, check_points, rms_arm
 from pushfric_core.mechanics import quasi_static
-from pushfric_core.mechanics.quasi_static import MODES, SUM, Motions
-from pushfric_core.mechanics.simulation import ContactMode
-from pushfric_core.records import comparable
+from pushfric_core.mechanics.quasi_static import MODES, SUM, ContactMode, Motions
+from pushfric_core.records import FieldPlace, comparable
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.wording import counted
 
@@ -46,8 +45,8 @@ class MuC(NamedTuple):
     """The contact friction coefficient."""
 
     value: float | None  # None if there is only a bound
-    low: float  # mu_c lies in [low, high] with a probability of 90 %
-    high: float  # infinite if there is only a bound
+    low: Annotated[float, FieldPlace(key="interval")]  # mu_c lies in [low, high] with a probability of 90 %
+    high: Annotated[float, FieldPlace(key="interval")]  # infinite if there is only a bound
     kind: Kind
 
 
@@ -86,12 +85,12 @@ class FrictionModel:
     support_points: Array
     w: Array
     mu_c: Array
-    share: Array
+    share: Annotated[Array, FieldPlace("weights")]
     misfit: float = 0.0
     stroke_misfit: float = 0.0
     covariance: Array | None = None
-    kind: Kind | None = None
-    data_points: int = 0
+    kind: Annotated[Kind | None, FieldPlace("")] = None
+    data_points: Annotated[int, FieldPlace("")] = 0
 
     def __post_init__(self) -> None:
         points = check_points(self.support_points)
@@ -165,7 +164,7 @@ class FrictionModel:
         """(n, 2) low and high: each w_j lies between them in 90 % of the samples."""
         return np.quantile(self.w, ((1 - SHARE) / 2, (1 + SHARE) / 2), axis=0).T
 
-    @property
+    @cached_property
     def known_mu_c(self) -> MuC | None:
         """mu_c with its interval, as far as pushes have shown it."""
         if self.kind is None:

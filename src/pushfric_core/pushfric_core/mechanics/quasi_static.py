@@ -1,11 +1,12 @@
 """The exact quasi-static model (section 2) of many pushes and many friction distributions at once.
 
-The mechanics are those of `simulation.pushed_motion`, one row for each pair of a push and a sample of (w, mu_c). If the tip
+Simulation, predictions and belief all move objects by it, one row for each pair of a push and a sample of (w, mu_c). If the tip
 sticks, the object turns about the contact at the rate that dissipates least, which leaves no moment about the contact. If that
 needs a force outside the friction cone, the tip slides: the force lies on the cone's edge, and of all motions in which it does
 the same work, the object takes the one that dissipates least.
 """
 
+from enum import Enum
 from typing import NamedTuple
 
 import numpy as np
@@ -16,12 +17,24 @@ from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, Indices, as_array, cross, left_of
 from pushfric_core.geometry.support import check_points
 from pushfric_core.mechanics import least_dissipation
+from pushfric_core.mechanics.damped_newton import STILL
 from pushfric_core.mechanics.least_dissipation import ENDLESS, WEDGED
 from pushfric_core.mechanics.least_dissipation import FREE as FREE
 from pushfric_core.mechanics.least_dissipation import SLIDING as SLIDING
 from pushfric_core.mechanics.least_dissipation import STICKING as STICKING
-from pushfric_core.mechanics.simulation import ITERATIONS, STILL, ContactMode
 from pushfric_core.records import comparable
+
+ITERATIONS = 200
+"""Cap on Newton's steps; about ten are usual, some tens if the object rotates about a support."""
+
+
+class ContactMode(Enum):
+    """How the tip meets the object."""
+
+    FREE = "free"
+    STICKING = "sticking"
+    SLIDING = "sliding"
+
 
 MODES = (ContactMode.FREE, ContactMode.STICKING, ContactMode.SLIDING)
 """Meaning of the numbers in `Motions.modes`: FREE, STICKING and SLIDING."""

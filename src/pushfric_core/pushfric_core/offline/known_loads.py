@@ -28,7 +28,7 @@ class LoadsFile(Strict):
     trials: list[Trial] = pydantic.Field(min_length=1)
 
 
-class Checked(NamedTuple):
+class CheckedTrial(NamedTuple):
     """A trial."""
 
     data: str
@@ -43,7 +43,7 @@ class Checked(NamedTuple):
         return math.dist(self.expected, self.found)
 
 
-def check_loads(path: pathlib.Path, warn: Warn) -> list[Checked]:
+def check_loads(path: pathlib.Path, warn: Warn) -> list[CheckedTrial]:
     """Estimate each trial, and compare it with statics.
 
     If the coefficient of friction is the same all over, p_CF lies below the common centre of mass, whatever the plate rests on.
@@ -62,5 +62,5 @@ def check_loads(path: pathlib.Path, warn: Warn) -> list[Checked]:
         x, y = ((1 - share) * own + share * load for own, load in zip(file.center, trial.at, strict=True))
         estimation = estimate_from(path.parent / trial.data, Choices(name), warn)
         u, v = estimation.result.believed_center.tolist()
-        checked.append(Checked(trial.data, (x, y), (u, v), estimation.result.confidence, len(estimation.ledger.doubts)))
+        checked.append(CheckedTrial(trial.data, (x, y), (u, v), estimation.result.confidence, len(estimation.ledger.doubts)))
     return checked

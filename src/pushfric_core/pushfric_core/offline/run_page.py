@@ -23,7 +23,7 @@ from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import last, taken
 from pushfric_core.estimation.estimate import friction_model
-from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
+from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
 from pushfric_core.files.object_file import ObjectModel
@@ -171,8 +171,7 @@ def _told(estimation: Estimation, namespace: str | None, show: Show) -> tuple[Ch
                 belief = estimate.belief
             tell(story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief)) | final)
 
-    friction = FrictionReport.of(estimation.result, estimation.result.belief)
-    final = {"estimate": with_histogram(estimation.figures(), friction)}
+    final = {"estimate": with_histogram(estimation.figures(), BoundsReport.of(estimation.result))}
     tell(begun | final)
     for name, msg in _recorded(estimation.source, namespace):
         if name == FAULT:

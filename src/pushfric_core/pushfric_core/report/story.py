@@ -30,7 +30,7 @@ import numpy as np
 from pushfric_core.bags.constants import constants
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.errors import PushfricError
-from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, FrictionReport
+from pushfric_core.estimation.estimate_report import BIN_WIDTH, BoundsReport, EstimateReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.geometry.support import Support
@@ -108,7 +108,7 @@ class Story:
         """The estimate, and the moment that its newest observation belongs to; None: estimation starts again."""
         if report is None:
             return self._without_data()
-        told = with_histogram(report.to_dict(), report.friction)
+        told = with_histogram(report.to_dict(), report.mu_c)
         kept = {key: told[key] for key in (*AFTER, "histogram") if key in told}
         if "w" in told["belief"]:  # it is drawn in the place of the program's
             del kept["w"]
@@ -117,9 +117,10 @@ class Story:
         _remember(self._after, report.stamp, kept)
         self._recent.append(report)
         change: Change = {"estimate": told}
-        if self._support.get(report.object_name) != told["support_points"]:
-            self._support[report.object_name] = change[f"support/{report.object_name}"] = told["support_points"]
-        since = None if report.change is None else report.change.since
+        if self._support.get(report.object) != told["support_points"]:
+            self._support[report.object] = change[f"support/{report.object}"] = told["support_points"]
+        change_of = report.belief.change
+        since = None if change_of is None else change_of.since_push
         if since is not None and since != self._changed_since:
             change |= self._event("bad", "the object seems to be another one")
         self._changed_since = since
@@ -257,16 +258,15 @@ class Story:
         return round((stamp - (self._start or stamp)) * 1e-9, 3)
 
 
-def with_histogram(figures: Change, friction: FrictionReport) -> Change:
+def with_histogram(figures: Change, bounds: BoundsReport) -> Change:
     """The figures of an estimate, as the command line's JSON names them, with the histogram of the bounds on mu_c."""
-    return figures | {"histogram": {"bin_width": BIN_WIDTH, "counts": list(friction.counts)}}
+    return figures | {"histogram": {"bin_width": BIN_WIDTH, "counts": list(bounds.histogram)}}
 
 
 def _model_of(report: EstimateReport) -> FrictionModel | None:
     """The model that an estimate alone predicts with, without its spread; None if it cannot predict."""
-    friction = report.friction
-    known = None if friction.mu_c is None else friction.mu_c.value
-    mu_c = friction.p90 if known is None else known
+    believed = report.belief.mu_c
+    mu_c = report.mu_c.p90 if believed is None or believed.value is None else believed.value
     w = np.clip(report.w, 0.0, 1.0)
     try:
         return FrictionModel.of(Support(report.support_points, w / w.sum()), mu_c if math.isfinite(mu_c) else STICKING)

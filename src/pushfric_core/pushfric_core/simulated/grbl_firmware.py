@@ -121,7 +121,6 @@ class SimulatedGrbl(SerialController):
                 self._say("[MSG:Reset to continue]")
 
     def hold_in_reset(self) -> None:
-        """The reset input is closed, as by an emergency stop: a carriage that moves stops at once, its position in doubt."""
         with self._lock:
             self._advance()
             if self._motion is not None:

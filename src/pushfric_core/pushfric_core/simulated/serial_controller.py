@@ -14,7 +14,10 @@ TICK = 0.005  # [s]
 
 
 class SerialController(ABC):
-    """A controller that a driver finds at `port`. Use it as a context manager, or between `start` and `close`."""
+    """A controller that a driver finds at `port`. Use it as a context manager, or between `start` and `close`.
+
+    An entry point of the group pushfric.simulations, under the name of the driver, is called with `clock` [s], `travel` [m] and
+    `max_speed` [m/s], and returns one; the settings of that driver need a `port`."""
 
     def __init__(self, restarts: bool) -> None:
         """Not plugged in yet.
@@ -30,6 +33,18 @@ class SerialController(ABC):
         self._master: int | None = None
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
+
+    @abstractmethod
+    def position(self) -> float:
+        """Where the carriage is [m]."""
+
+    @abstractmethod
+    def hold_in_reset(self) -> None:
+        """The reset input is closed, as by an emergency stop: a carriage that moves stops at once, its position in doubt."""
+
+    def unasked(self) -> float:
+        """For how long nobody has asked for the position of a carriage that moves [s]; 0 if that is not known."""
+        return 0.0
 
     def start(self) -> Self:
         """Plug in: a new pseudo-terminal, at `port`."""

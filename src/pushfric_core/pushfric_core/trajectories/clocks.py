@@ -24,7 +24,7 @@ LONGEST_WAIT = 5000
 """Ends of blocks that wait for those after them: a stream may have stopped."""
 
 
-class Step(NamedTuple):
+class ClockStep(NamedTuple):
     """A step of one clock against the other."""
 
     received: int  # when, by the clock of the receiver [ns]
@@ -37,7 +37,7 @@ class Clocks:
     def __init__(self) -> None:
         self._streams = _Delays(), _Delays()
         self._open: list[int] = []  # ends of blocks, with too few blocks after them to judge them for good [ns]
-        self._found: tuple[float, Step] | None = None  # the largest step so far, and how large it is nearby [ns]
+        self._found: tuple[float, ClockStep] | None = None  # the largest step so far, and how large it is nearby [ns]
 
     def add(self, stream: int, stamp: int, received: int) -> None:
         """Take the stamp of a sample of the first stream, 0, or the second, 1, and when it was received [ns]."""
@@ -47,19 +47,19 @@ class Clocks:
                 self._found = self._larger(self._found, self._open.pop(0))
 
     @property
-    def step(self) -> Step | None:
+    def step(self) -> ClockStep | None:
         """The largest step of the clocks against each other; None if there is none."""
         found = self._found
         for time in self._open:
             found = self._larger(found, time)
         return None if found is None else found[1]
 
-    def _larger(self, found: tuple[float, Step] | None, time: int) -> tuple[float, Step] | None:
+    def _larger(self, found: tuple[float, ClockStep] | None, time: int) -> tuple[float, ClockStep] | None:
         """The step that was found, or that at a time, if it is larger."""
         size, nearby = (self._streams[1].change(time, most) - self._streams[0].change(time, most) for most in (MOST, FEWEST))
         if not abs(size) > SMALLEST * 1e9 or (found is not None and not abs(nearby) > found[0]):
             return found
-        return abs(nearby), Step(time, size * 1e-9)
+        return abs(nearby), ClockStep(time, size * 1e-9)
 
 
 class _Delays:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pushfric_core.trajectories.ledger import Doubt, DoubtCode
-from pushfric_core.trajectories.stream import LEAP, NANOSECONDS, OUTLASTS, Pause, Stream, seconds
+from pushfric_core.trajectories.stream import LEAP, LONGEST_END_SKEW, NANOSECONDS, Pause, Stream, seconds
 from pushfric_core.wording import counted
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class Course:
             alone = [(poses.first or 0, states.first or 0)]  # poses that came before the states tell of pushes, too
             pauses += [one for one in alone if one[1] - one[0] > SILENT * NANOSECONDS]
             yield from self._of_ids(pauses, observations, planned, ended)
-        if poses.last > states.last + OUTLASTS * NANOSECONDS:
+        if poses.last > states.last + LONGEST_END_SKEW * NANOSECONDS:
             text = f"the poses go on for {seconds(poses.last - states.last)} after the last pusher state"
             yield Doubt(DoubtCode.STATES_MISSING, text, states.last)
 

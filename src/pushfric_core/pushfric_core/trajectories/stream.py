@@ -33,7 +33,7 @@ CONFIRMED = 3
 LEAP = 3
 """A step longer than this multiple of the usual one is a leap."""
 
-OUTLASTS = 10.0
+LONGEST_END_SKEW = 10.0
 """A stream may end this much before another [s]: nodes do not end at once, and a pusher at rest reports seldom."""
 
 RECENT = 9
@@ -113,12 +113,12 @@ class Stream(Generic[Sample]):
         Args:
             ledger: the ledger.
             kind: of the account.
-            until: the last stamp of another stream [ns]: a sample that is still held, and OUTLASTS later than this, counts as
-                wild.
+            until: the last stamp of another stream [ns]: a sample that is still held, and later than this by LONGEST_END_SKEW,
+                counts as wild.
         """
         account = Account(self.account.received, self.account.ended.copy())
         for sample in self._held:
-            wild = until is not None and self.last is not None and sample.stamp > until + OUTLASTS * NANOSECONDS
+            wild = until is not None and self.last is not None and sample.stamp > until + LONGEST_END_SKEW * NANOSECONDS
             account.end(AHEAD if wild else WAITING)
             if wild:
                 assert self.last is not None

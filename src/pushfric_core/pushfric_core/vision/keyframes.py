@@ -12,7 +12,7 @@ MOST_HELD = 16
 """Images of a push that are held until its middle is known."""
 
 
-class Moment(NamedTuple):
+class RunState(NamedTuple):
     """The state of the run while an image is taken."""
 
     pushes: bool  # whether the forward stroke of a push is under way
@@ -29,11 +29,11 @@ class Keyframes:
 
     def __init__(self, everything: bool) -> None:
         self._everything = everything
-        self._before = Moment(False, False, False)
+        self._before = RunState(False, False, False)
         self._held: list[tuple[int, Image]] = []  # of the push under way, evenly spread over it so far
         self._every, self._count = 1, 0  # each how many-th image of the push is held; how many there were
 
-    def take(self, frame: "Image", stamp: int, now: Moment) -> list[tuple[int, "Image"]]:
+    def take(self, frame: "Image", stamp: int, now: RunState) -> list[tuple[int, "Image"]]:
         """The images to keep, now that a new one has come: this one, the middle of a push that is over, both or none.
 
         Args:

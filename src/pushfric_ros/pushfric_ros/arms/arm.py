@@ -17,10 +17,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from pushfric_core.cell.mount import MountConfig
-from pushfric_core.cell.plugins import SOURCES, plugin
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Array, Pose, left_of, rotation, transform
+from pushfric_core.plugins import SOURCES, plugin
 from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.driver import Driver, Script

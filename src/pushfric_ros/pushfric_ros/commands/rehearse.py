@@ -9,7 +9,6 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from pushfric_core.cell.plugins import PUSHERS, plugin
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
 from pushfric_core.commands.console import console, warn
@@ -18,6 +17,7 @@ from pushfric_core.commands.options import in_range
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.plausible import check_within
+from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.report.report import to_json
 from pushfric_core.settings import read

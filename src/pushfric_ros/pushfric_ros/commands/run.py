@@ -71,19 +71,19 @@ def run(
     shown = view_at(view, file.view)
     how = " --simulated" * simulated + " --simulated-camera" * simulated_camera
 
-    def go_on(push: int) -> None:
+    def say_how_to_go_on(push: int) -> None:
         if file.plan.choose:  # there is no plan to go on with
             return
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
 
     live = console.is_terminal and not headless
     with telling_what_is_left(lambda: left_behind(bag)), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
+        if simulated or simulated_camera:
+            file = graph.rendered(file, scratch, lambda sentence: console.print(sentence, markup=False), simulated_camera)
         if simulated:
-            specs = graph.simulated_cell(
-                graph.rendered(file, f"{scratch}/pusher"), str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start
-            )
+            specs = graph.simulated_cell(file, str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start)
         elif simulated_camera:
-            specs = graph.simulated_camera(graph.rendered(file), str(bag), start)
+            specs = graph.simulated_camera(file, str(bag), start)
         else:
             specs = graph.cell(file, str(bag), start)
         if shown is not None:
@@ -92,7 +92,7 @@ def run(
         if simulated and not live and shown is None:  # who runs a real pusher is near it
             specs = graph.unattended(specs)
         what = f"pushing {model.name}"
-        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=go_on, prompts=True, recorded=bag)
+        ended, _ = watch(console, specs, file.namespace, what, live, unfinished=say_how_to_go_on, prompts=True, recorded=bag)
     print_result(console, bag)
     if ended.code:
         fail(ended.reason, ended.code)

@@ -5,13 +5,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from pushfric_core.cell.cell_file import CellFile
-from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, Images, PlannerConfig, ViewConfig
+from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, CameraConfig, Images, PlannerConfig, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.object_file import load_object
+from pushfric_core.plugins import SIMULATIONS, installed
 from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.settings import merged, plain
+from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_ros.node_kit import network
@@ -168,20 +173,17 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
     """The nodes of a cell whose camera and serial port are simulated.
 
     Args:
-        file: the cell; its camera source must be `topic`, and its port is where the simulated controller appears. Its axis
-            and switches are those of the real controller, and do not count.
+        file: the cell, as `rendered` gives it; its port is where the simulated controller appears. Its axis and switches are
+            those of the real controller, and do not count.
         bag: folder of the bag to record.
         seed: of the simulation.
         speed: of the simulated clock, as a multiple of real time.
         start: number of the push of the plan to begin with.
-    Raises:
-        InvalidInput: the cell's driver is not that of a GRBL controller, or its tracker looks for more than an outline.
     """
-    if file.camera is None or file.pusher is None:
-        raise InvalidInput("the simulated cell has a camera and a pusher, expected the sections camera and pusher")
-    if not isinstance(file.driver, GrblConfig):
-        raise InvalidInput(f"the simulated cell has a GRBL controller, expected pusher.driver grbl, got {file.pusher.driver!r}")
-    simulation = {"port_link": file.driver.port, "poll_rate": file.pusher.poll_rate, "seed": seed, "speed": speed}
+    assert file.pusher is not None
+    driver: Any = file.driver
+    simulation = {"port_link": driver.port, "controller": file.pusher.driver, "poll_rate": file.pusher.poll_rate}
+    simulation |= {"seed": seed, "speed": speed}
     # at a multiple of real time, a busy machine alone can make the object unseen and the controller silent
     late = LEAST_TIMEOUT * speed  # of simulated time, by the stamps of a busy machine
     plan = replace(
@@ -191,7 +193,8 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
         clock_tolerance=max(file.plan.clock_tolerance, late),
         follow_tolerance=max(file.plan.follow_tolerance, late * file.plan.speed),
     )
-    driver = replace(file.driver, axis="X", real_time_factor=speed, silence=max(file.driver.silence, LEAST_TIMEOUT))
+    changes = {"axis": "X", "real_time_factor": speed, "silence": max(getattr(driver, "silence", 0.0), LEAST_TIMEOUT)}
+    driver = replace(driver, **{name: value for name, value in changes.items() if hasattr(driver, name)})
     slow = {name: max(getattr(file.pusher, name), LEAST_TIMEOUT) for name in ("owner_timeout", "requires_timeout")}
     # a simulated pusher does not outlive its run; it has no home switch, no force sensor and nobody with an enabling switch
     pusher = replace(file.pusher, memory="", home=False, max_force=0.0, enable_timeout=0.0, **slow)
@@ -204,32 +207,52 @@ def simulated_camera(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]
     """The nodes of a cell with its own controller, in real time, whose camera, object and operator are simulated.
 
     Args:
-        file: the cell; its camera source must be `topic`.
+        file: the cell, as `rendered` gives it.
         bag: folder of the bag to record.
         start: number of the push of the plan to begin with.
-    Raises:
-        InvalidInput: the cell's tracker looks for more than an outline.
     """
     return [_simulation(file, {}), *cell(file, bag, start)]
 
 
-def rendered(file: CellFile, port: str | None = None) -> CellFile:
-    """The same cell with a rendered camera; with `port`, that of a simulated controller, too.
+def rendered(file: CellFile, folder: str, say: Callable[[str], None], own_pusher: bool = False) -> CellFile:
+    """The same cell with a rendered camera and, unless its own pusher moves, a simulated controller.
 
+    Args:
+        file: the cell.
+        folder: for the simulated controller's port, and the calibration of a camera that the cell does not have.
+        say: called with a sentence for each part that has no simulation, and what takes its place.
+        own_pusher: the cell's own pusher moves.
     Raises:
-        InvalidInput: the cell has no camera or no pusher that could be simulated.
+        InvalidInput: others move the cell's robot, so that there are no pushes to simulate.
     """
-    if file.camera is None or file.pusher is None:
-        raise InvalidInput("a simulated part takes the place of a camera and a pusher, expected the sections camera and pusher")
-    cell = replace(file, camera=replace(file.camera, source="topic"))
-    return replace(cell, driver=replace(file.driver, port=port)) if port and isinstance(file.driver, GrblConfig) else cell
+    if file.pusher is None:
+        raise InvalidInput("others move this cell's robot, which cannot be simulated; expected the section pusher")
+    camera, tracker, pusher, driver = file.camera, file.tracker, file.pusher, file.driver
+    if camera is None:
+        say("no simulation has the poses of other trackers: a rendered camera over the pushing line takes their place")
+        at = np.add(pusher.line_origin, np.multiply(pusher.stroke, pusher.line_direction))
+        size = float(max(load_object(file.object).outline.size))
+        save_camera(
+            Camera.looking_down(640, 480, (at[0], at[1]), max(0.3, 2.5 * size) / 480), pathlib.Path(folder, "camera.yaml")
+        )
+        camera, tracker = CameraConfig(source="topic", calibration=f"{folder}/camera.yaml"), ContourConfig()
+    if not isinstance(tracker, ContourConfig):
+        say(f"the rendered camera shows an outline, not what camera.tracker {camera.tracker} needs: contour takes its place")
+        camera, tracker = replace(camera, tracker="contour"), ContourConfig()
+    if not own_pusher:
+        named: Any = driver
+        port = f"{folder}/pusher"
+        if pusher.driver not in installed(SIMULATIONS):
+            say(f"pusher.driver {pusher.driver} has no simulation: a GRBL controller takes its place")
+            pusher, driver = replace(pusher, driver="grbl"), GrblConfig(port=port)
+        else:
+            driver = replace(named, port=port)
+    return replace(file, camera=replace(camera, source="topic"), tracker=tracker, pusher=pusher, driver=driver, poses=())
 
 
 def _simulation(file: CellFile, parameters: Mapping[str, Any]) -> NodeSpec:
     assert file.camera is not None
     assert file.pusher is not None
-    if not isinstance(file.tracker, ContourConfig):
-        raise InvalidInput(f"a rendered camera shows an outline, expected camera.tracker contour, got {file.camera.tracker!r}")
     place = {"calibration": file.camera.calibration, "object_height": file.camera.object_height, "object": file.object}
     stage = {**plain(file.frames), **plain(file.pusher.stage), **plain(file.simulation)}
     return NodeSpec("simulated_cell", {**place, **parameters, **stage}, environment=network.asked_for(file.discovery))

@@ -12,10 +12,8 @@ from geometry_msgs.msg import Twist as TwistMsg
 from std_msgs.msg import Header
 
 from pushfric_core.bags import samples
-from pushfric_core.bags.samples import stamp_from_msg
-from pushfric_core.belief.doubts import Change, Rejected
 from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, FrictionReport, SpreadReport
+from pushfric_core.estimation.estimate_report import BIN_WIDTH, EstimateReport, VerdictReport
 from pushfric_core.estimation.push_choice import RankedPush
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.recognition import Ranking
@@ -25,8 +23,8 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.frames import OBJECT
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose
-from pushfric_core.mechanics.prediction import FrictionModel, Kind, MotionCone, MuC, Predictions, Stability
-from pushfric_core.mechanics.simulation import ContactMode
+from pushfric_core.mechanics.prediction import FrictionModel, MotionCone, Predictions, Stability
+from pushfric_core.mechanics.quasi_static import ContactMode
 from pushfric_core.mechanics.strokes import Strokes
 from pushfric_core.mechanics.surface_models import (
     convex_quartic,
@@ -36,23 +34,15 @@ from pushfric_core.mechanics.surface_models import (
     surface_samples,
 )
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
-from pushfric_core.program.contact_friction import Slip
-from pushfric_core.reasons import Reason, ReasonCode
-from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import UNIT, Observation
 from pushfric_msgs.msg import (
     Basis,
     CenterOfFrictionRegion,
-    ContactFriction,
     FrictionEstimate,
     Hypothesis,
     LimitSurface,
-    ObjectChange,
     PusherState,
     Recognition,
-    RejectedPush,
-    Spread,
-    SupportFriction,
     TestPush,
 )
 from pushfric_msgs.msg import (
@@ -61,20 +51,10 @@ from pushfric_msgs.msg import (
 from pushfric_msgs.msg import (
     Observation as ObservationMsg,
 )
-from pushfric_msgs.msg import (
-    Reason as ReasonMsg,
-)
 from pushfric_msgs.srv import MotionCone as MotionConeSrv
 from pushfric_msgs.srv import PredictPush, PredictStroke, StablePushes
+from pushfric_ros.messages.converter import read, write
 from pushfric_ros.messages.types import message_class
-
-STATUS_TO_MSG = {
-    Status.OPTIMAL: FrictionEstimate.STATUS_OPTIMAL,
-    Status.UNCERTIFIED: FrictionEstimate.STATUS_UNCERTIFIED,
-    Status.INFEASIBLE: FrictionEstimate.STATUS_INFEASIBLE,
-}
-
-STATUS_FROM_MSG = {number: status for status, number in STATUS_TO_MSG.items()}
 
 MODE_TO_MSG = {
     ContactMode.FREE: PredictPush.Response.FREE,
@@ -85,32 +65,10 @@ MODE_TO_MSG = {
 MODE_NAMES = {getattr(PusherState, name): name[5:].lower() for name in dir(PusherState) if name.startswith("MODE_")}
 """The modes of a pusher, in words."""
 
-
-SLIP_TO_MSG = {
-    Slip.UNKNOWN: ContactFriction.SLIP_UNKNOWN,
-    Slip.STICKING: ContactFriction.SLIP_STICKING,
-    Slip.LEFT: ContactFriction.SLIP_LEFT,
-    Slip.RIGHT: ContactFriction.SLIP_RIGHT,
-}
-
-
-KIND_TO_MSG = {
-    None: ContactFriction.KIND_UNKNOWN,
-    Kind.BOUND: ContactFriction.KIND_BOUND,
-    Kind.SLIP: ContactFriction.KIND_SLIP,
-    Kind.FORCE: ContactFriction.KIND_FORCE,
-}
-
-KIND_FROM_MSG = {number: kind for kind, number in KIND_TO_MSG.items()}
-
-CODE_FROM_MSG = {getattr(ReasonMsg, code.name): code for code in ReasonCode}
-
 MODEL_TOPIC = "friction_model"
 """Topic of the friction model that planner nodes need."""
 
 NOWHERE = (math.nan, math.nan)
-
-SLIP_FROM_MSG = {number: slip for slip, number in SLIP_TO_MSG.items()}
 
 
 def pose_to_msg(pose: Pose) -> PoseMsg:
@@ -131,97 +89,31 @@ def stamp_to_msg(nanoseconds: int) -> Time:
 
 def estimate_to_msg(report: EstimateReport) -> FrictionEstimate:
     """The report on an estimate as a message."""
-    msg = FrictionEstimate(object=report.object_name)
-    msg.header.stamp, msg.header.frame_id = stamp_to_msg(report.stamp), OBJECT
-    msg.status = STATUS_TO_MSG[report.status]
-    msg.data_points, msg.pushes = report.data_points, report.pushes
-    points = [_point(point) for point in report.support_points]
-    msg.support_friction = SupportFriction(
-        header=msg.header,
-        object=report.object_name,
-        support_points=points,
-        weights=report.w,
-        total_friction=_number(report.total_friction),
-    )
-    msg.center_of_friction = _point(report.center_of_friction)
-    msg.objective, msg.lower_bound, msg.gap = report.objective, report.lower_bound, report.gap
-    msg.confidence, msg.change = _number(report.confidence), _change(report.change)
-    msg.spread = _spread(report.spread, report.support_points, report.believed)
-    msg.reasons, msg.notes = _reasons(report.reasons), _reasons(report.notes)
-    msg.rejected = [RejectedPush(push_id=one.push_id, reason=_reason(one.reason)) for one in report.rejected]
-    friction, mu_c = report.friction, report.friction.mu_c
-    kind, value, low, high = 4 * (None,) if mu_c is None else (mu_c.kind, mu_c.value, mu_c.low, mu_c.high)
-    msg.contact_friction = ContactFriction(
-        header=msg.header if friction.data_points == report.believed == report.data_points else Header(),
-        object=report.object_name,
-        kind=KIND_TO_MSG[kind],
-        value=_number(value),
-        low=_number(low),
-        high=_number(high),
-        p90=friction.p90,
-        max=friction.most,
-        bin_width=BIN_WIDTH,
-        histogram=friction.counts,
-        slipping=friction.slipping or (),
-        slips=friction.slips,
-        slip=SLIP_TO_MSG[friction.slip],
-    )
+    msg = _estimate(report, report.object)
+    friction = msg.contact_friction
+    friction.bin_width = BIN_WIDTH
+    if not report.mu_c.data_points == report.belief.data_points == report.data_points:
+        friction.header = Header()
     return msg
 
 
 def report_from_msg(msg: FrictionEstimate) -> EstimateReport:
     """The report in a message that has observations."""
-    support, friction, spread = msg.support_friction, msg.contact_friction, msg.spread
-    kind = KIND_FROM_MSG[friction.kind]
-    return EstimateReport(
-        object_name=msg.object,
-        stamp=stamp_from_msg(msg.header.stamp),
-        status=STATUS_FROM_MSG[msg.status],
-        data_points=msg.data_points,
-        pushes=msg.pushes,
-        support_points=np.array([(point.x, point.y) for point in support.support_points]),
-        w=np.array(support.weights),
-        center_of_friction=np.array((msg.center_of_friction.x, msg.center_of_friction.y)),
-        objective=msg.objective,
-        lower_bound=msg.lower_bound,
-        gap=msg.gap,
-        total_friction=_known(support.total_friction),
-        friction=FrictionReport(
-            sum(friction.histogram),
-            friction.p90,
-            friction.max,
-            list(friction.histogram),
-            (friction.slipping[0], friction.slipping[1]) if len(friction.slipping) else None,
-            list(friction.slips),
-            SLIP_FROM_MSG[friction.slip],
-            None if kind is None else MuC(_known(friction.value), friction.low, friction.high, kind),
-        ),
-        believed=spread.data_points,
-        spread=SpreadReport(
-            np.array(spread.covariance).reshape(2, 2), np.array(spread.middle), np.column_stack((spread.low, spread.high))
-        )
-        if len(spread.middle)
-        else None,
-        confidence=_known(msg.confidence),
-        reasons=[_reason_from(one) for one in msg.reasons],
-        notes=[_reason_from(one) for one in msg.notes],
-        rejected=[Rejected(one.push_id, _reason_from(one.reason)) for one in msg.rejected],
-        change=None
-        if msg.change.since_push == ObjectChange.NO_PUSH
-        else Change(msg.change.since_push, (msg.change.shift.x, msg.change.shift.y)),
-    )
+    report: EstimateReport = read(EstimateReport, msg)
+    return report
 
 
 def nothing_known(object_name: str) -> FrictionEstimate:
     """The message while there is no estimate: no weights, and NaN for every number."""
-    msg = FrictionEstimate(object=object_name, status=FrictionEstimate.STATUS_NO_DATA)
+    return _estimate(None, object_name)
+
+
+def _estimate(report: EstimateReport | None, object_name: str) -> FrictionEstimate:
+    msg = FrictionEstimate()
+    write(report, EstimateReport, msg)
     msg.header.frame_id = OBJECT
-    msg.support_friction = SupportFriction(header=msg.header, object=object_name, total_friction=math.nan)
-    msg.center_of_friction = _point(NOWHERE)
-    mu_c = dict.fromkeys(("value", "low", "high", "p90", "max"), math.nan)
-    msg.contact_friction = ContactFriction(header=msg.header, object=object_name, **mu_c)
-    msg.objective = msg.lower_bound = msg.gap = msg.confidence = math.nan
-    msg.spread, msg.change = _spread(None, np.empty((0, 2)), 0), _change(None)
+    for part in (msg, msg.support_friction, msg.contact_friction):
+        part.header, part.object = msg.header, object_name
     return msg
 
 
@@ -273,20 +165,15 @@ def friction_model_to_msg(
     basis = Basis(object=object_name, has_model=model is not None)
     basis.header.frame_id = OBJECT
     msg = FrictionModelMsg(basis=basis, outline=[_point(corner) for corner in outline.vertices])
-    msg.misfit = msg.stroke_misfit = msg.total_friction = math.nan
-    msg.center_of_friction, msg.covariance = _point(NOWHERE), np.full(4, math.nan)
+    write(model, FrictionModel, msg)
+    msg.center_of_friction, msg.total_friction = _point(NOWHERE), math.nan
     if estimate is None:
         return msg
     basis.header.stamp = stamp_to_msg(estimate.stamp)
     basis.data_points, basis.pushes = estimate.data_points, estimate.pushes
-    basis.reasons, basis.notes = _reasons(verdict.reasons), _reasons(verdict.notes)
+    write(VerdictReport(verdict.reasons, verdict.notes), VerdictReport, basis)
     if model is not None:
-        msg.support_points = [_point(point) for point in model.support_points]
-        msg.w, msg.mu_c, msg.weights = model.w.ravel(), model.mu_c, model.share
-        msg.misfit, msg.stroke_misfit = model.misfit, model.stroke_misfit
         msg.center_of_friction, msg.total_friction = _point(model.center_of_friction), _number(estimate.total_friction)
-        if model.covariance is not None:
-            msg.covariance = model.covariance.ravel()
     return msg
 
 
@@ -296,13 +183,12 @@ def friction_model_from_msg(msg: FrictionModelMsg) -> tuple[FrictionModel, Outli
     Raises:
         ValueError: the numbers make no sense.
     """
-    w, mu_c = np.array(msg.w), np.array(msg.mu_c)
-    points = np.array([(point.x, point.y) for point in msg.support_points]).reshape(-1, 2)
-    if len(w) != len(points) * len(mu_c):
-        raise ValueError(f"w must have {len(mu_c)} x {len(points)} numbers, got {len(w)}")
-    covariance = np.array(msg.covariance).reshape(2, 2)
-    known = covariance if np.isfinite(covariance).all() else None
-    model = FrictionModel(points, w.reshape(-1, len(points)), mu_c, np.array(msg.weights), msg.misfit, msg.stroke_misfit, known)
+    samples_of_w = len(msg.mu_c), len(msg.support_points)
+    if len(msg.w) != math.prod(samples_of_w):
+        raise ValueError(f"w must have {samples_of_w[0]} x {samples_of_w[1]} numbers, got {len(msg.w)}")
+    model = read(FrictionModel, msg, w=np.reshape(msg.w, samples_of_w))
+    if model is None:
+        raise ValueError("a misfit is missing")
     return model, Outline(np.array([(corner.x, corner.y) for corner in msg.outline]))
 
 
@@ -471,38 +357,3 @@ def _new(type_name: str, **fields: Any) -> Any:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else value
-
-
-def _known(number: float) -> float | None:
-    return None if math.isnan(number) else number
-
-
-def _spread(spread: SpreadReport | None, points: np.ndarray, believed: int) -> Spread:
-    if spread is None:
-        return Spread(covariance=np.full(4, math.nan), center_of_friction=_point(NOWHERE), data_points=believed)
-    low, high = spread.intervals.T
-    return Spread(
-        center_of_friction=_point(spread.middle @ points),
-        covariance=spread.covariance.ravel(),
-        middle=spread.middle,
-        low=low,
-        high=high,
-        data_points=believed,
-    )
-
-
-def _change(change: Change | None) -> ObjectChange:
-    since, shift = (ObjectChange.NO_PUSH, NOWHERE) if change is None else change
-    return ObjectChange(since_push=since, shift=_vector(shift))
-
-
-def _reason(reason: Reason) -> ReasonMsg:
-    return ReasonMsg(code=getattr(ReasonMsg, reason.code.name), text=reason.text)
-
-
-def _reasons(reasons: Sequence[Reason]) -> list[ReasonMsg]:
-    return [_reason(one) for one in reasons]
-
-
-def _reason_from(msg: ReasonMsg) -> Reason:
-    return Reason(CODE_FROM_MSG[msg.code], msg.text)

@@ -25,10 +25,10 @@ from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
 from pushfric_core.cell.node_settings import FrameConfig
-from pushfric_core.cell.plugins import PUSHERS, plugin
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.frames import TABLE
+from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.push_states import (

@@ -7,9 +7,9 @@ from rclpy.node import Node
 
 from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import FrameConfig, RequiredSubscribersConfig
-from pushfric_core.cell.plugins import SOURCES, plugin
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.frames import TABLE
+from pushfric_core.plugins import SOURCES, plugin
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.bodies import follow
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level, without_publisher

@@ -1,4 +1,4 @@
-"""The simulated cell: physics, camera, GRBL controller and operator behind the real interfaces; it publishes the clock.
+"""The simulated cell: physics, camera, controller and operator behind the real interfaces; it publishes the clock.
 
 With a real controller, the physics, the camera and the operator remain: they follow the tip that the actuator reports, in real
 time, and no clock is published.
@@ -31,10 +31,11 @@ from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.simulation import PushedObject
+from pushfric_core.plugins import SIMULATIONS, plugin
 from pushfric_core.pushers.pusher import StageConfig
 from pushfric_core.settings import REQUIRED, check_ranges, setting
 from pushfric_core.simulated.camera import SimulatedCamera
-from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_core.simulated.serial_controller import SerialController
 from pushfric_core.vision.camera import load_camera
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
@@ -76,6 +77,7 @@ class SimulatedCellConfig:
 
     calibration: str = setting(REQUIRED, "path of the camera's calibration YAML")
     port_link: str = setting("", "path at which the controller's serial port appears; empty: a real controller")
+    controller: str = setting("grbl", "the controller at that port: an entry point of the group pushfric.simulations")
     poll_rate: float = setting(20.0, "how often the actuator asks for the position [Hz]", 1.0, 100.0)
     object_height: float = setting(0.0, "of the outline over the table [m]; 0: as the object's file says", 0.0, 1.0)
 
@@ -115,13 +117,14 @@ class SimulatedCellNode(Node):
         self.create_subscription(PoseStamped, "hand", self._on_hand, RELIABLE)
         self._switched = dict.fromkeys(SWITCHES, False)
         self.create_subscription(String, "switch", self._on_switch, RELIABLE)
-        self._grbl: SimulatedGrbl | None = None
+        self._controller: SerialController | None = None
         self._reports: deque[tuple[int, float]] = deque(maxlen=REPORTS)  # (when [ns], where [m]) of a real pusher
         self._wall_start = self._stepped = time.monotonic()
         if place.port_link:
             self._clock_out = topics.advertise(ClockMsg, "/clock", RELIABLE)
-            self._grbl = SimulatedGrbl(lambda: self._elapsed, travel=stage.stroke, max_speed=stage.max_speed)
-            self._grbl.start()
+            make = plugin(SIMULATIONS, place.controller)
+            self._controller = make(lambda: self._elapsed, travel=stage.stroke, max_speed=stage.max_speed)
+            self._controller.start()
             self._link(place.port_link)
             period, step = 1 / (config.frame_rate * STEPS_PER_FRAME) / run.speed, self._step
             self._period = period * run.speed
@@ -132,28 +135,28 @@ class SimulatedCellNode(Node):
 
     def wind_up(self) -> bool:
         """True once the actuator has left the port: a controller that went first would look like a lost one."""
-        return self._grbl is None or not self._grbl.opened
+        return self._controller is None or not self._controller.opened
 
     def destroy_node(self) -> None:
         """Remove the simulated serial port, too."""
-        if self._grbl is not None:
+        if self._controller is not None:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(self._place.port_link)
-            self._grbl.close()
+            self._controller.close()
         super().destroy_node()
 
     def _link(self, path: str) -> None:
         """Link the pseudo-terminal, whose name is not known beforehand, to a known path."""
-        assert self._grbl is not None
+        assert self._controller is not None
         with contextlib.suppress(FileNotFoundError):
             os.unlink(path)
-        os.symlink(self._grbl.port, path)
+        os.symlink(self._controller.port, path)
 
     def _step(self) -> None:
         """Advance by one step of simulated time, but not far beyond what the actuator has noticed."""
-        assert self._grbl is not None
+        assert self._controller is not None
         now = time.monotonic()
-        if self._grbl.unasked() > OVERDUE / self._place.poll_rate and now - self._stepped < OVERDUE_STEP:
+        if self._controller.unasked() > OVERDUE / self._place.poll_rate and now - self._stepped < OVERDUE_STEP:
             return
         self._stepped = now
         self._steps += 1
@@ -161,8 +164,8 @@ class SimulatedCellNode(Node):
         stamp = stamp_to_msg(START + round(self._elapsed * 1e9))
         self._operate()
         if self._switched["emergency_stop"]:
-            self._grbl.hold_in_reset()
-        self._push(self._grbl.position())
+            self._controller.hold_in_reset()
+        self._push(self._controller.position())
         self._clock_out.publish(ClockMsg(clock=stamp))
         if self._steps % STEPS_PER_FRAME == 0:
             self._publish_frame(stamp)
@@ -241,7 +244,7 @@ class SimulatedCellNode(Node):
 
     def _on_switch(self, msg: String) -> None:
         """Turn a switch over, as a person at the cell does; a real controller has an emergency stop of its own."""
-        if msg.data in SWITCHES and not (msg.data == "emergency_stop" and self._grbl is None):
+        if msg.data in SWITCHES and not (msg.data == "emergency_stop" and self._controller is None):
             self._switched[msg.data] = not self._switched[msg.data]
             self._camera.lit = not self._switched["lamp"]
 

@@ -21,15 +21,15 @@ from pushfric_core.cell.node_settings import (
     ObjectConfig,
     RequiredSubscribersConfig,
 )
-from pushfric_core.cell.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import CAMERA, TABLE
 from pushfric_core.geometry.planar import Pose
+from pushfric_core.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.vision.camera import Image, load_camera
 from pushfric_core.vision.frame_source import TOPICS, Device
 from pushfric_core.vision.image_messages import image_from_msg
-from pushfric_core.vision.keyframes import KEYFRAMES, Keyframes, Moment
+from pushfric_core.vision.keyframes import KEYFRAMES, Keyframes, RunState
 from pushfric_core.vision.overlay import Overlay
 from pushfric_core.vision.sighting import UNMEASURED, NotSeen, Sighting, Tracker
 from pushfric_msgs.msg import PlanProgress, PusherState
@@ -208,8 +208,8 @@ class TrackerNode(Node):
         if self._overlay_out.get_subscription_count() and time.monotonic() - self._overlay_time >= OVERLAY_PERIOD:
             self._publish_overlay(frame, stamp)
 
-    def _moment(self) -> Moment:
-        return Moment(self._pushes, self._placed, self._in_sight)
+    def _moment(self) -> RunState:
+        return RunState(self._pushes, self._placed, self._in_sight)
 
     def _record(self, chosen: list[tuple[int, Image]]) -> None:
         """Publish images for the bag."""

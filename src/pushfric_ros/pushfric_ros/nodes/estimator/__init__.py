@@ -35,12 +35,11 @@ from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.model_file import check_name, make_model, prior, save_model
 from pushfric_core.files.object_file import ObjectModel, load_object
 from pushfric_core.geometry.frames import OBJECT
-from pushfric_core.reasons import ReasonCode
 from pushfric_core.report.ledger import sums_in_words
 from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STATES, WRENCHES, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
-from pushfric_core.trajectories.stream import OUTLASTS
+from pushfric_core.trajectories.stream import LONGEST_END_SKEW
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import EstimationStart, EstimatorProgress, PlanProgress, PusherState
 from pushfric_msgs.msg import Observation as ObservationMsg
@@ -106,23 +105,25 @@ class EstimatorNode(Node):
                 topics.subscribe(WrenchStamped, "wrench", partial(self._on_input, "wrench"), SENSOR_QUEUE)
         self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
         self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
-        self._told: tuple[int, int, bool] | None = None  # what the last report said
-        self.create_timer(PROGRESS_PERIOD, self._keep_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._last_progress: tuple[int, int, bool] | None = None  # what the last report said
+        self.create_timer(PROGRESS_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._start_out = topics.advertise(EstimationStart, START_TOPIC, LATCHED)
         self._publish_start()
         if self._resumption is None:
             self._publish_settings()
         else:
             self.get_logger().warning(f"goes on from {self._bag}")
-            self._look = self.create_timer(HANDOVER_PERIOD, self._go_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._publications.everything(self._judge())
+            self._catch_up_timer = self.create_timer(
+                HANDOVER_PERIOD, self._catch_up, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            )
+        self._publications.publish_all(self._judge())
         self._model_publication.publish(self._verdict)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(SelectPush, "~/exclude_push", self._on_exclude_push)
         self.create_service(SelectPush, "~/keep_push", self._on_keep_push)
-        self._before: Estimate | None = None  # the estimate a moment ago
-        self._lasted: Estimate | None = None  # the last estimate that had not changed for a while
+        self._previous: Estimate | None = None  # the estimate a moment ago
+        self._steady: Estimate | None = None  # the last estimate that had not changed for a while
         self._settling: Generator[None, None, None] | None = None  # what is published at rest, in steps
         self._more = self.create_guard_condition(self._settle_on)
         self.create_timer(QUIET, self._at_rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -164,7 +165,7 @@ class EstimatorNode(Node):
             raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
         return None if resumption.start is None else resumption
 
-    def _go_on(self) -> None:
+    def _catch_up(self) -> None:
         """Take the messages of the bag; once it holds all earlier ones, take those that came by topic meanwhile."""
         assert self._resumption is not None
         if self._required_subscribers is not None and self._required_subscribers.missing:
@@ -185,9 +186,9 @@ class EstimatorNode(Node):
         for each in (*found, *(held or ())):
             self._take_input(*each)
         if self._online.estimate is not before:
-            self._publications.everything(self._judge())
+            self._publications.publish_all(self._judge())
         if held is not None:
-            self._look.cancel()
+            self._catch_up_timer.cancel()
             self._resumption = None
             estimate = self._online.estimate
             known = "no observations" if estimate is None else data_of(estimate.data_points, estimate.pushes)
@@ -275,7 +276,7 @@ class EstimatorNode(Node):
                 continue
             used = used and self._online.take(observation)
             if used:
-                self._publications.estimate(self._judge(), at_rest=False)
+                self._publications.publish_estimate(self._judge(), at_rest=False)
             self._tell(observation)
             if used:
                 self._follow_up(observation)
@@ -283,9 +284,9 @@ class EstimatorNode(Node):
     def _follow_up(self, observation: Observation) -> None:
         """Publish what planners do not wait for, after the estimate with a new observation."""
         self._online.narrow(observation)
-        self._publications.region()
+        self._publications.publish_region()
         if self._online.recognize(observation):
-            self._publications.ranking()
+            self._publications.publish_ranking()
 
     def _tell(self, observation: Observation) -> None:
         """Publish an observation that was made here."""
@@ -317,14 +318,14 @@ class EstimatorNode(Node):
     def _start_afresh(self, chosen: str) -> None:
         load_object(chosen)  # what cannot be loaded changes nothing
         if self._resumption is not None:  # the rest of the bag no longer counts
-            self._look.cancel()
+            self._catch_up_timer.cancel()
             self._resumption = None
         self._begin(chosen)
         self._publish_settings()
         self._publish_start()
         if self._online.estimate is None:
-            self._publications.nothing()
-        self._publications.everything(self._judge())
+            self._publications.publish_nothing()
+        self._publications.publish_all(self._judge())
         self._model_publication.publish(self._verdict)
 
     def _refuse(self, what: str, error: Exception) -> None:
@@ -384,23 +385,23 @@ class EstimatorNode(Node):
         """Publish what has changed because other pushes are left out."""
         self._publish_settings()
         verdict = self._judge()
-        self._publications.region()
+        self._publications.publish_region()
         if self._online.estimate is None:
-            self._publications.nothing()
+            self._publications.publish_nothing()
         else:
-            self._publications.estimate(verdict)
+            self._publications.publish_estimate(verdict)
         if self._online.ranking is not None:
-            self._publications.ranking()
+            self._publications.publish_ranking()
         self._model_publication.publish(verdict)
         self._publish_progress()  # before the answer: a run may end with it
 
     def _at_rest(self) -> None:
-        """Publish what takes longer than an observation may wait, for an estimate that has lasted a while."""
+        """Publish what takes longer than an observation may wait, for an estimate that stays for a while."""
         estimate = self._online.estimate
-        lasts, self._before = self._before is estimate, estimate
-        if not lasts or self._lasted is estimate:
+        steady, self._previous = self._previous is estimate, estimate
+        if not steady or self._steady is estimate:
             return
-        self._lasted = estimate
+        self._steady = estimate
         self._settling = self._settle()
         self._settle_on()
 
@@ -409,18 +410,18 @@ class EstimatorNode(Node):
         complete, rejected = self._publications.complete, self._verdict.rejected
         if not complete or not self._online.settled:
             yield from self._online.settling()
-            self._before = self._lasted = self._online.estimate
+            self._previous = self._steady = self._online.estimate
             said = self._verdict
             if self._judge() != said or not complete:
-                self._publications.estimate(self._verdict)
+                self._publications.publish_estimate(self._verdict)
             if self._verdict.rejected != rejected:
-                self._publications.region()
-                self._publications.ranking()
+                self._publications.publish_region()
+                self._publications.publish_ranking()
         self._model_publication.publish(self._verdict)
 
     def _settle_on(self) -> None:
         """Do a step of it, unless the estimate has changed meanwhile; messages that have come get their turn in between."""
-        if self._settling is None or self._online.estimate is not self._lasted:
+        if self._settling is None or self._online.estimate is not self._steady:
             self._settling = None
             return
         try:
@@ -434,7 +435,7 @@ class EstimatorNode(Node):
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")
         self._start_afresh(self._chosen)
 
-    def _keep_up(self) -> None:
+    def _report(self) -> None:
         self._publish_progress()
         self._publications.draw()
 
@@ -442,8 +443,8 @@ class EstimatorNode(Node):
         """Publish the time up to which all poses have become observations, and whether these are judged, if it has changed."""
         settled, judged = self._maker.settled, self._online.settled
         newest = self._online.estimate.stamp if self._online.estimate is not None else 0
-        if (settled, newest, judged) != self._told:
-            self._told = settled, newest, judged
+        if (settled, newest, judged) != self._last_progress:
+            self._last_progress = settled, newest, judged
             msg = EstimatorProgress(settled_until=stamp_to_msg(settled), judged=judged)
             msg.header.stamp, msg.header.frame_id = stamp_to_msg(newest), OBJECT
             self._progress_out.publish(msg)
@@ -489,7 +490,7 @@ class EstimatorNode(Node):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         if self._problem is not None:
             return Health(Level.ERROR, self._problem, values)
-        if self._maker.skew > OUTLASTS:
+        if self._maker.skew > LONGEST_END_SKEW:
             ahead = f"the poses are stamped {self._maker.skew:.0f} s ahead of the pusher states: no observation can be made"
             return Health(Level.WARN, ahead, values)
         if self._maker.contradiction is not None:
@@ -500,7 +501,7 @@ class EstimatorNode(Node):
             return Health(Level.WARN, max(ledger.doubts, key=lambda one: one.stamp).text, values)
         if not self._verdict.use:
             # nobody need act while the first pushes are made
-            begun = [one.code for one in self._verdict.reasons] == [ReasonCode.FEW_PUSHES]
+            begun = [one.code for one in self._verdict.reasons] == ["few_pushes"]
             return Health(Level.OK if begun else Level.WARN, "; ".join(map(str, self._verdict.reasons)), values)
         if self._verdict.notes:
             return Health(Level.WARN, "; ".join(map(str, self._verdict.notes)), values)

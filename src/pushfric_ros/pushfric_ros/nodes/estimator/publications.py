@@ -6,7 +6,7 @@ from geometry_msgs.msg import PointStamped
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.estimate_report import EstimateReport, FrictionReport
+from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
 from pushfric_core.estimation.online_estimation import OnlineEstimation
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.object_file import ObjectModel
@@ -56,7 +56,7 @@ class Publications:
     def begin(self, model: ObjectModel, online: OnlineEstimation) -> None:
         """Publish the estimation of this object from now on; nothing is published yet."""
         self._object, self._online = model, online
-        self._mu_c: FrictionReport | None = None  # what was last said of mu_c
+        self._bounds: BoundsReport | None = None  # the last ones on mu_c
         self._belief: Belief | None = None  # of the last estimate that was at rest
         self._believed = 0  # number of observations that it rests on
         self._region = CenterOfFrictionRegion()
@@ -66,19 +66,19 @@ class Publications:
     def complete(self) -> bool:
         """Whether all that was published last rests on all observations."""
         estimate = self._online.estimate
-        if self._mu_c is None or estimate is None:
+        if self._bounds is None or estimate is None:
             return True
-        return self._mu_c.data_points == self._believed == estimate.data_points
+        return self._bounds.data_points == self._believed == estimate.data_points
 
-    def everything(self, verdict: Verdict) -> None:
+    def publish_all(self, verdict: Verdict) -> None:
         """Publish all that is known."""
-        self.region()
+        self.publish_region()
         if self._online.estimate is not None:
-            self.estimate(verdict)
+            self.publish_estimate(verdict)
         if self._online.ranking is not None:
-            self.ranking()
+            self.publish_ranking()
 
-    def estimate(self, verdict: Verdict, at_rest: bool = True) -> None:
+    def publish_estimate(self, verdict: Verdict, at_rest: bool = True) -> None:
         """Publish w, p_CF and mu_c.
 
         Args:
@@ -89,20 +89,20 @@ class Publications:
         assert estimate is not None
         if at_rest:
             self._belief, self._believed = estimate.belief, estimate.data_points
-        belief, friction = self._belief, self._mu_c
-        held = 0 if friction is None else estimate.data_points - friction.data_points
-        if friction is None or at_rest or not 0 <= held <= estimate.data_points // MANY:
+        bounds = self._bounds
+        held = 0 if bounds is None else estimate.data_points - bounds.data_points
+        if bounds is None or at_rest or not 0 <= held <= estimate.data_points // MANY:
             observations = self._online.observations if self._slipping else ()
             slips = [observation.push_id in self._slipping for observation in observations]
-            friction = self._mu_c = FrictionReport.of(estimate, belief, slips)
-        report = EstimateReport.of(estimate, self._object.name, belief, (), verdict, friction, self._believed)
+            bounds = self._bounds = BoundsReport.of(estimate, slips)
+        report = EstimateReport.of(estimate, self._object.name, self._belief, (), verdict, bounds, self._believed)
         msg = estimate_to_msg(report)
         self._estimate_out.publish(msg)
         # w, p_CF and mu_c have no status of their own
         self._parts(msg if self._online.usable else nothing_known(self._object.name))
         self._undrawn = msg
 
-    def nothing(self) -> None:
+    def publish_nothing(self) -> None:
         """Publish that nothing is known: without observations, nothing that was published before is valid any longer."""
         msg = nothing_known(self._object.name)
         self._estimate_out.publish(msg)
@@ -110,14 +110,14 @@ class Publications:
         self._undrawn = msg
         self._recognition_out.publish(Recognition())
 
-    def region(self) -> None:
+    def publish_region(self) -> None:
         """Publish where p_CF can lie by the half-planes, and what to push next."""
         stamp = self._online.estimate.stamp if self._online.estimate is not None else 0
         online = self._online
         self._region = region_to_msg(online.region(), online.next_pushes(), online.slip_pushes(), stamp, self._object.name)
         self._region_out.publish(self._region)
 
-    def ranking(self) -> None:
+    def publish_ranking(self) -> None:
         """Publish how well each hypothesis about the object fits."""
         ranking = self._online.ranking
         self._recognition_out.publish(

@@ -1,4 +1,4 @@
-"""Pushers and trackers, found by entry point, both those of this package and those of other packages."""
+"""Pushers, trackers, sources and terms, found by entry point, both those of this package and those of other packages."""
 
 import importlib.metadata
 from collections.abc import Sequence
@@ -12,21 +12,31 @@ PUSHERS = "pushfric.pushers"
 TRACKERS = "pushfric.trackers"
 """Group of the trackers: see pushfric_core.vision.sighting.TrackerDriver."""
 
-
 SOURCES = "pushfric.sources"
 """Group of the sources of poses and tips: see pushfric_ros.adapters.body.SourceDriver."""
 
+SIMULATIONS = "pushfric.simulations"
+"""Group of the controllers of a simulated cell, by driver: see pushfric_core.simulated.serial_controller.SerialController."""
+
+TERMS = "pushfric.terms"
+"""Group of terms of the fit error; each is a Constraint, or makes one when it is called."""
+
+
+def installed(group: str) -> list[str]:
+    """The names in a group."""
+    return sorted({entry.name for entry in importlib.metadata.entry_points(group=group)})
+
 
 def plugin(group: str, name: str) -> Any:
-    """The settings class that an installed package registered in a group under a name.
+    """The object that an installed package registered in a group under a name: a settings class, except of terms.
 
     Raises:
-        ValueError: no package or more than one registered the name, or the class cannot be imported.
+        ValueError: no package or more than one registered the name, or it cannot be imported.
     """
     found = importlib.metadata.entry_points(group=group)
     named = {entry.value: entry for entry in found if entry.name == name}
     if not named:
-        known = ", ".join(sorted({entry.name for entry in found})) or "none is installed"
+        known = ", ".join(installed(group)) or "none is installed"
         raise ValueError(f"{_WHAT[group]} must be an entry point of {group} ({known}), got {name!r}")
     if len(named) > 1:
         raise ValueError(f"{_WHAT[group]} must be registered by one package, but {name!r} is {' and '.join(sorted(named))}")
@@ -46,6 +56,11 @@ def tracker_kinds(name: str) -> list[Any]:
     return [plugin(TRACKERS, one) for one in (AUTOMATIC if name == AUTO else (name,))]
 
 
+def spare_trackers(name: str) -> list[Any]:
+    """The settings classes of pushfric's other trackers, if this is one of them: their keys may stay in the file."""
+    return [plugin(TRACKERS, other) for other in AUTOMATIC if name in AUTOMATIC and other != name]
+
+
 def chosen_tracker(configs: Sequence[Any]) -> Any:
     """The first of the settings of `tracker_kinds` that is complete.
 
@@ -61,5 +76,5 @@ def chosen_tracker(configs: Sequence[Any]) -> Any:
 AUTOMATIC = ("fiducial", "contour")
 """Choices of AUTO, in this order: an object with markers is found by its markers."""
 
-_WHAT = {PUSHERS: "driver", TRACKERS: "tracker", SOURCES: "source"}
+_WHAT = {PUSHERS: "driver", TRACKERS: "tracker", SOURCES: "source", SIMULATIONS: "simulation", TERMS: "term"}
 """For each group, the setting that chooses from it."""
