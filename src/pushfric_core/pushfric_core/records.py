@@ -14,10 +14,10 @@ Record = TypeVar("Record")
 class FieldPlace(NamedTuple):
     """Where a field stands if not under its own name: in the annotation, Annotated[float, FieldPlace("spread.radius")]."""
 
-    message: str | None = (
-        None  # path in the message; "": its fields are the message's own, or it is in none; two paths: a column in each
-    )
-    key: str | None = None  # in JSON; "": it is not said there; the same for two fields: a list of both
+    message: str | None = None
+    """Path in the message; "": its fields are the message's own, or it is in none; two paths: a column in each."""
+    key: str | None = None
+    """In JSON; "": it is not said there; the same for two fields: a list of both."""
 
 
 class Field(NamedTuple):
