@@ -511,7 +511,7 @@ def test_a_stroke_whose_pieces_were_discarded_is_not_continued(peer):
     peer.status = "<Idle|MPos:2.400,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: pusher._axis.status.state == "Idle", peer)
     peer.heard = b""
-    fail(pusher, Held, "the pusher rests at 0.0024 m, was sent to 0.0", peer)
+    fail(pusher, Held, r"the pusher (rests at 0\.0024 m, was sent to 0\.0|slowed down at 0\.0024 m)", peer)  # on busy cores
     assert b"$J" not in peer.heard
 
 
