@@ -106,10 +106,10 @@ def test_a_person_switches_the_lamp_off_unplugs_the_camera_and_presses_the_emerg
         hear(port, b"ok")
         turn_over("emergency_stop", "the emergency stop is pressed")
         assert b"ALARM:3" in hear(port, b"Grbl")
-        rested = node._grbl.position()
+        rested = node._controller.position()
         os.write(port, b"$X\n$J=G91 G21 X50 F600\n")
         hear(port, b"Grbl")
-        assert node._grbl.position() - rested < 0.001
+        assert node._controller.position() - rested < 0.001
         turn_over("emergency_stop", "the emergency stop is released")
         assert node._health().message == "simulating"
     finally:
