@@ -164,7 +164,7 @@ class Marlin(SerialPusher):
         stroke = self._stroke
         if stroke is None or Phase.STREAMING not in self._state or self._began is None:
             return
-        gone, elapsed = abs(position - stroke.start), self._factor * (clock() - self._began)
+        gone, elapsed = abs(position - stroke.start), self._serial.real_time_factor * (clock() - self._began)
         if gone > Plausibility.MARGIN * stroke.speed * elapsed + Plausibility.SLACK:
             why = "its firmware needs M114_REALTIME, or the pusher was moved"
             went = f"{gone / MM:.1f} mm after {elapsed:.2f} s of a stroke at {stroke.speed / MM:g} mm/s"

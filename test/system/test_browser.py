@@ -497,12 +497,13 @@ def test_the_game_turns_its_cards_by_what_happens_in_the_cell(browser, ros):
         observation.twist.linear.y = 0.02
         observations.publish(observation)
         estimate = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object=OBJECT)
-        estimate.center_of_friction.x = 0.007
+        estimate.center_of_friction.x, estimate.spread.center_of_friction.x = 0.007, math.nan
         estimates.publish(estimate)
         expect(page.locator("#drawing .center")).to_have_count(1)
         expect(page.locator("#drawing .center")).to_be_hidden()
         expect(page.locator("#guess")).to_be_hidden()
         go_on(placing, completed=3, aborted=1)
+        expect(page.locator("#guess")).to_be_visible()
         expect(page.locator("#guess")).to_be_disabled()
         for _ in range(4):
             page.locator("#drawing").press("ArrowRight")

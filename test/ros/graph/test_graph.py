@@ -12,7 +12,7 @@ from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlanConfig, PlannerConfig, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.pushers.serial_port import open_port
+from pushfric_core.pushers.serial_line import open_port
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
