@@ -105,13 +105,12 @@ class Marlin(SerialPusher):
         self._line.write(line.encode() + b"\n")
 
     def _send_line(self, line: str) -> None:
+        self._unanswered.append(line)
         if self._role is Role.LOOKS:
-            self._unanswered.append(line)
-            self._line.send(line, line.encode() + b"\n")
+            super()._send_line(line)
             return
         self._number += 1
         numbered = f"N{self._number} {line}".encode()
-        self._unanswered.append(line)
         self._line.send(line, b"%b*%d\n" % (numbered, functools.reduce(operator.xor, numbered)))
 
     @property

@@ -11,7 +11,7 @@ the pusher and never ends an alarm: both wait for `recover()`.
 import contextlib
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 
 from pushfric_core.pushers.clock import Wakefulness, clock
 from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, STOPPING, Action, Event, Phase, Role, Status, Trust
@@ -216,38 +216,42 @@ class Driver(ABC):
 
     def stop(self) -> None:
         """See Pusher."""
-        try:
+        with self._left_if_lost():
             self._on(Event.STOP)
-        except NotConnected:
-            self._drop()
-            raise
 
     def poll(self, stamp: int | None = None) -> PusherReport | None:
         """See Pusher."""
         before, self._polled, self._now_stamp = self._polled, clock(), stamp
         self._gap = 0.0 if before is None else self._polled - before
+        with self._left_if_lost():
+            try:
+                self._hear()
+                if self._connected:
+                    self._awake.check()
+                if Phase.STREAMING in self._state and self._gap > self._silence:
+                    raise Timeout(f"this process stood still for {self._gap:.2f} s; silence is {self._silence:g} s")
+                self._judge()
+                while self._script is not None and next(self._script, FINISHED) is FINISHED:
+                    self._on(Event.DONE)
+            except NotConnected:
+                raise
+            except PusherError as error:
+                if isinstance(error, Halted | Jumped | LeftTheWay | TooFast | Suspended):
+                    self._suspect(str(error))
+                if self._connected and STOPPING.isdisjoint(self._state):
+                    self.stop()
+                    raise
+                raise NotConnected(f"{self.name}: {error}") from error
+        return self._newest()
+
+    @contextlib.contextmanager
+    def _left_if_lost(self) -> Iterator[None]:
+        """Leave a line that turns out to be lost."""
         try:
-            self._hear()
-            if self._connected:
-                self._awake.check()
-            if Phase.STREAMING in self._state and self._gap > self._silence:
-                raise Timeout(f"this process stood still for {self._gap:.2f} s; silence is {self._silence:g} s")
-            self._judge()
-            while self._script is not None and next(self._script, FINISHED) is FINISHED:
-                self._on(Event.DONE)
+            yield
         except NotConnected:
             self._drop()
             raise
-        except PusherError as error:
-            if isinstance(error, Halted | Jumped | LeftTheWay | TooFast | Suspended):
-                self._suspect(str(error))
-            if self._connected and STOPPING.isdisjoint(self._state):
-                self.stop()
-                raise
-            lost = NotConnected(f"{self.name}: {error}")
-            self._drop()
-            raise lost from error
-        return self._newest()
 
     def _judge(self) -> None:
         """Raise what was heard means for the connection; during a reset, alarms and silence are expected."""

@@ -64,9 +64,9 @@ class Grbl(SerialPusher):
 
     # What is sent
 
-    def send(self, command: RealTime) -> None:
-        """Send a real-time command. Raises NotConnected."""
-        self._line.write(command.value)
+    def send(self, *commands: RealTime) -> None:
+        """Send real-time commands, at once. Raises NotConnected."""
+        self._line.write(b"".join(command.value for command in commands))
 
     def hold(self, homing: bool = False) -> None:
         self.send(RealTime.HOLD)
@@ -315,7 +315,7 @@ class Grbl(SerialPusher):
             raise Timeout(f"no greeting within {RESET_PATIENCE:g} s of a reset")
 
     def _send_reset(self, *then: RealTime) -> None:
-        self._line.write(b"".join(command.value for command in (RealTime.RESET, *then)))
+        self.send(RealTime.RESET, *then)
         self._owed += 1
 
 

@@ -197,11 +197,8 @@ class SerialPusher(Driver):
 
     def ask(self, stamp: int) -> None:
         if self._connected and Phase.HOMING not in self._state:
-            try:
+            with self._left_if_lost():
                 self._ask(stamp)
-            except NotConnected:
-                self._drop()
-                raise
 
     # Bytes, lines, meaning
 
@@ -394,8 +391,7 @@ class SerialPusher(Driver):
                 status = yield from self._report()
             except Timeout:
                 return
-            moving = moves(status)
-            place = status.machine_position or status.work_position
+            moving, place = moves(status), self._axis.place
             if not moving and place == before:
                 return
             if status.state in ("Run", "Jog"):
