@@ -67,7 +67,7 @@ class Marlin(SerialPusher):
     def _forget(self) -> None:
         super()._forget()
         self._number = 0  # of the last line
-        self._unanswered: deque[str] = deque()  # lines, in the order in which they are answered
+        self._unanswered: deque[tuple[str, float]] = deque()  # lines and when they were sent [s]; answered in this order
         self._track: deque[tuple[float, float, float]] = deque()  # when asked, when heard [s], position [m]
         self._began: float | None = None  # when the first piece of a stroke was sent [s]
 
@@ -96,16 +96,16 @@ class Marlin(SerialPusher):
         return f"{KILL if homing else STOP}\n".encode()
 
     def _send_question(self) -> None:
-        if self._unanswered.count(QUESTION) < MOST_UNANSWERED:
+        if sum(line == QUESTION for line, _ in self._unanswered) < MOST_UNANSWERED:
             self._send(QUESTION)
 
     def _send(self, line: str) -> None:
         """Send a line that asks or stops, and so needs no protection."""
-        self._unanswered.append(line)
+        self._unanswered.append((line, clock()))
         self._line.write(line.encode() + b"\n")
 
     def _send_line(self, line: str) -> None:
-        self._unanswered.append(line)
+        self._unanswered.append((line, clock()))
         if self._role is Role.LOOKS:
             super()._send_line(line)
             return
@@ -147,12 +147,14 @@ class Marlin(SerialPusher):
 
     def _answered(self, answer: str) -> None:
         """The oldest line has been carried out, or planned."""
-        if self._unanswered.popleft() == self._line.pending:
+        if self._unanswered.popleft()[0] == self._line.pending:
             self._line.answered(answer)
 
     def _take_position(self, place: tuple[float, ...]) -> None:
-        while self._unanswered and self._unanswered[0] != QUESTION:  # lines are answered in their order
+        while self._unanswered and self._unanswered[0][0] != QUESTION:  # lines are answered in their order
             self._answered("ok")
+        if self._unanswered:  # the line knows only of the last question, which a later report answers
+            self._line.silent_since = self._unanswered[0][1]
         believed = self._axis.believed
         self._take_status(StatusReport("Idle" if self._axis.place in (None, place) else "Run", work_position=place))
         if self._axis.believed > believed and self._axis.last is not None:

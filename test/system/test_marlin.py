@@ -1,6 +1,7 @@
 """The example of a driver for a line protocol, on a line that can fail, with simulated firmware."""
 
 import contextlib
+import random
 import time
 from collections.abc import Callable, Iterator
 from typing import ClassVar
@@ -89,6 +90,20 @@ def test_a_damaged_line_is_refused_and_sent_again(stage: Stage, old: bytes, new:
         assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
         assert max(report.position for report in reports) <= FAR + ROUNDED
         assert stage.sent.count(b"G90*") == 1  # it was the same stroke
+
+
+def test_no_speed_is_reported_that_late_answers_do_not_prove(stage: Stage) -> None:
+    delays = random.Random(1)
+
+    def said(data: bytes) -> bytes:
+        stage.line.delay_to_host = delays.uniform(0, 0.4)  # meanwhile the next question is sent
+        return data
+
+    with contextlib.closing(stage.driver()) as pusher:
+        stage.line.to_host = said
+        reports = stage.push(pusher)
+        assert 0 < max(report.speed for report in reports) <= 1.05 * SPEED
+        assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
 
 
 def test_a_firmware_that_reports_planned_positions_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
