@@ -20,13 +20,12 @@ from unique_identifier_msgs.msg import UUID
 from pushfric_core.errors import PushfricError
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.messages.conversions import MODE_NAMES
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.interruption import held_back
 from pushfric_ros.node_kit.lock import who_runs
 from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
-from pushfric_ros.node_kit.visit import SERVING_NOTHING
+from pushfric_ros.node_kit.visit import COMMAND_LINE, SERVING_NOTHING, enclave
 
 ANSWER_TIMEOUT = 5.0
 """How long the actuator may take to answer [s]."""
@@ -37,6 +36,8 @@ class NoAnswer(PushfricError):
 
 
 def line(state: PusherState) -> str:
+    from pushfric_ros.messages.conversions import MODE_NAMES  # takes longer to load than all that a stop needs
+
     push = "" if state.push_id == PusherState.NO_PUSH else f", push {state.push_id}"
     doubt = " (in doubt" + (f", reported {state.age:.1f} s ago)" if state.age else ")") if state.in_doubt else ""
     place = f"{state.position * 1e3:.3f} mm{doubt}"
@@ -46,10 +47,10 @@ def line(state: PusherState) -> str:
 class Person(contextlib.AbstractContextManager["Person"]):
     """The person's own node, for as long as one command takes."""
 
-    def __init__(self, namespace: str, enclave: str) -> None:
+    def __init__(self, namespace: str) -> None:
         self._context = rclpy.Context()
         with configured():
-            rclpy.init(context=self._context, args=["--ros-args", "--enclave", enclave])
+            rclpy.init(context=self._context, args=["--ros-args", "--enclave", enclave(namespace, COMMAND_LINE)])
             self._node = Node(f"person_{os.getpid()}", namespace=namespace, context=self._context, **SERVING_NOTHING)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
