@@ -44,7 +44,7 @@ setup(
             "stroke = pushfric_ros.commands.stroke:along_the_stroke",
         ],
         "pushfric.pushers": [
-            "trajectory = pushfric_ros.arms.trajectory:TrajectoryConfig",
+            "trajectory = pushfric_ros.arms.trajectory:JointTrajectoryConfig",
             "twist = pushfric_ros.arms.twist:TwistConfig",
         ],
         "pushfric.sources": [

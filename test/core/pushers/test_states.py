@@ -11,8 +11,17 @@ from enum import Enum
 
 import pytest
 
-from pushfric_core.pushers import driver_states as driver
-from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, Next, Phase, Role, Status, Trust
+from pushfric_core.pushers.driver_states import (
+    AT_FIRST,
+    DRIVER,
+    DriverAction,
+    DriverEvent,
+    Next,
+    Phase,
+    ReportedMode,
+    Role,
+    Trust,
+)
 from pushfric_core.pushers.push_states import (
     ACTUATOR,
     READY,
@@ -35,7 +44,7 @@ from pushfric_core.pushers.state_table import Row, kinds, step
 DOCUMENT = pathlib.Path(__file__).resolve().parents[3] / "docs/safety.md"
 HOMINGS = list(Homing)
 NODE_STATE, NODE_FACTS = (Life, Task, Position, Hold), (Homing, Enable, Needs, Controller, Way)
-DRIVER_STATE, DRIVER_FACTS = (Phase, Trust, Next), (Homing, Status, Role)
+DRIVER_STATE, DRIVER_FACTS = (Phase, Trust, Next), (Homing, ReportedMode, Role)
 MOVING = {Action.MOVE, Action.RETRACT}
 
 
@@ -48,7 +57,7 @@ def every_pair(table):
     """Each state of a table with each event and all facts, and what follows."""
     state_of, facts_of, events = {
         id(ACTUATOR): (NODE_STATE, NODE_FACTS, Event),
-        id(DRIVER): (DRIVER_STATE, DRIVER_FACTS, driver.Event),
+        id(DRIVER): (DRIVER_STATE, DRIVER_FACTS, DriverEvent),
     }[id(table)]
     facts_of_event = {event: named(table, event) & set(facts_of) for event in events}
     for state, event in itertools.product(every(*state_of), events):
@@ -108,25 +117,25 @@ def test_the_driver_moves_only_as_told_and_nothing_in_doubt():
             continue
         entered = {phase for phase in following.state - state if isinstance(phase, Phase)}
         if Phase.STREAMING in entered:
-            assert event is driver.Event.MOVE
+            assert event is DriverEvent.MOVE
             assert state >= {Phase.RESTING, Trust.TRUSTED}
-            assert facts >= {Status.IDLE, Role.DRIVES}
+            assert facts >= {ReportedMode.IDLE, Role.DRIVES}
         if Phase.HOMING in entered:
-            assert (event, Phase.RECOVERING in state, Homing.HOMES in facts) == (driver.Event.DONE, True, True)
+            assert (event, Phase.RECOVERING in state, Homing.HOMES in facts) == (DriverEvent.DONE, True, True)
         if Phase.RECOVERING in entered:
-            assert event is driver.Event.RECOVER or state >= {Phase.RESETTING, Next.RECOVERY}
+            assert event is DriverEvent.RECOVER or state >= {Phase.RESETTING, Next.RECOVERY}
         if Trust.DOUBTED in state and Trust.TRUSTED in following.state:
-            assert event is driver.Event.CONNECT or state & {Phase.HOMING, Phase.UNLOCKING}
-        if event is driver.Event.STOP:
+            assert event is DriverEvent.CONNECT or state & {Phase.HOMING, Phase.UNLOCKING}
+        if event is DriverEvent.STOP:
             assert following.state & {Phase.BRAKING, Phase.RESETTING}
-            assert driver.Action.HOLD in following.actions or following.state >= state - set(Next) | {Next.NOTHING}
+            assert DriverAction.HOLD in following.actions or following.state >= state - set(Next) | {Next.NOTHING}
 
 
 def test_the_driver_never_interferes_where_it_only_looks_or_is_not_connected():
     for state, event, facts, following in every_pair(DRIVER):
         if Role.LOOKS in facts or state & {Phase.CLOSED, Phase.CONNECTING}:
             assert following is None or not following.actions
-            if event in (driver.Event.MOVE, driver.Event.STOP, driver.Event.RECOVER) and not state & {
+            if event in (DriverEvent.MOVE, DriverEvent.STOP, DriverEvent.RECOVER) and not state & {
                 Phase.BRAKING,
                 Phase.RESETTING,
             }:
@@ -135,14 +144,14 @@ def test_the_driver_never_interferes_where_it_only_looks_or_is_not_connected():
 
 def test_every_script_of_the_driver_ends_and_every_doubt_counts():
     for state, event, _, following in every_pair(DRIVER):
-        if event is driver.Event.DONE:
+        if event is DriverEvent.DONE:
             assert (following is None) == bool(state & {Phase.CLOSED, Phase.RESTING})
             assert following is None or following.state - state & set(Phase)
-        if event is driver.Event.DOUBT:
+        if event is DriverEvent.DOUBT:
             assert Trust.DOUBTED in following.state
 
 
-P, D = Phase, driver.Event
+P, D = Phase, DriverEvent
 
 
 @pytest.mark.parametrize(
@@ -171,7 +180,7 @@ P, D = Phase, driver.Event
 def test_the_driver_goes_from_phase_to_phase(homing, events, phases):
     state = AT_FIRST
     for event, phase in zip(events, phases, strict=True):
-        following = step(DRIVER, state, event, {homing, Status.IDLE, Role.DRIVES})
+        following = step(DRIVER, state, event, {homing, ReportedMode.IDLE, Role.DRIVES})
         state = state if following is None else following.state
         assert phase in state, event
 
@@ -208,19 +217,19 @@ class Pair:
         else:
             asked = [e for e in asked if e not in (Event.CONFIGURE, Event.ACTIVATE)]
         for event in asked:
-            yield from ((event, facts) for facts in every(Enable, Needs, Way, Status))
+            yield from ((event, facts) for facts in every(Enable, Needs, Way, ReportedMode))
         if Life.UNCONFIGURED in state:
             return
         if Phase.CLOSED in machine:
-            yield (driver.Event.CONNECT,)
+            yield (DriverEvent.CONNECT,)
             return
-        yield (driver.Event.LOST,)
-        for facts in every(Enable, Needs, Way, Status):
+        yield (DriverEvent.LOST,)
+        for facts in every(Enable, Needs, Way, ReportedMode):
             if Phase.RESTING not in machine:
-                yield driver.Event.DONE, facts
+                yield DriverEvent.DONE, facts
             if Phase.CONNECTING not in machine:
-                yield driver.Event.STOP, facts
-                yield driver.Event.DOUBT, facts
+                yield DriverEvent.STOP, facts
+                yield DriverEvent.DOUBT, facts
 
     def follow(self, pair, what):
         """What follows, in both; and what the actuator did."""
@@ -230,12 +239,12 @@ class Pair:
         connecting = Phase.CONNECTING in self.machine
         if isinstance(event, Event):
             self.tell_node(event)
-        elif event is driver.Event.CONNECT:
+        elif event is DriverEvent.CONNECT:
             self.tell_driver(event)
-        elif event is driver.Event.LOST:
+        elif event is DriverEvent.LOST:
             self.tell_driver(event)
             self.tell_node(Event.LOST)
-        elif event is driver.Event.DONE:
+        elif event is DriverEvent.DONE:
             self.tell_driver(event)
             if connecting:
                 self.tell_node(Event.CONNECTED)
@@ -246,31 +255,31 @@ class Pair:
                 self.tell_node(Event.RESTED)
         else:  # an error
             stopping = self.machine & {Phase.BRAKING, Phase.RESETTING}
-            if event is driver.Event.DOUBT:
+            if event is DriverEvent.DOUBT:
                 self.tell_driver(event)
-            self.tell_driver(driver.Event.LOST if stopping else driver.Event.STOP)
+            self.tell_driver(DriverEvent.LOST if stopping else DriverEvent.STOP)
             self.tell_node(Event.LOST if stopping else Event.FAILED)
             if not stopping:
                 self.unsure()
         return (self.state, self.machine), self.done
 
     def unsure(self):
-        if Status.ALARM in self.facts or Trust.DOUBTED in self.machine:
+        if ReportedMode.ALARM in self.facts or Trust.DOUBTED in self.machine:
             self.tell_node(Event.UNSURE)
 
     def tell_node(self, event):
-        idle = {Phase.RESTING, Status.IDLE} <= self.machine | self.facts
+        idle = {Phase.RESTING, ReportedMode.IDLE} <= self.machine | self.facts
         facts = self.facts | {self.homing, Controller.IDLE if idle else Controller.NOT_IDLE}
         following = step(ACTUATOR, self.state, event, facts)
         if following is None:
             return
         self.state = following.state
         told = {
-            Action.MOVE: driver.Event.MOVE,
-            Action.RETRACT: driver.Event.MOVE,
-            Action.BRAKE: driver.Event.STOP,
-            Action.RECOVER: driver.Event.RECOVER,
-            Action.LEAVE: driver.Event.LOST,
+            Action.MOVE: DriverEvent.MOVE,
+            Action.RETRACT: DriverEvent.MOVE,
+            Action.BRAKE: DriverEvent.STOP,
+            Action.RECOVER: DriverEvent.RECOVER,
+            Action.LEAVE: DriverEvent.LOST,
         }
         for action in following.actions:
             self.done.append(action)
@@ -279,8 +288,8 @@ class Pair:
                 self.tell_node(Event.FAILED)
 
     def tell_driver(self, event):
-        status = self.facts & set(Status)
-        following = step(DRIVER, self.machine, event, {self.homing, Role.DRIVES, *(status or {Status.OTHER})})
+        status = self.facts & set(ReportedMode)
+        following = step(DRIVER, self.machine, event, {self.homing, Role.DRIVES, *(status or {ReportedMode.OTHER})})
         self.machine = self.machine if following is None else following.state
         return following is not None
 
@@ -326,7 +335,7 @@ def test_a_person_can_always_make_it_ready_again(pair):
     """From each state in which it is active and connected, some sequence of resets and ends of scripts leads to readiness."""
     back: dict = {}
     for before, event, facts, after, _ in pair.steps:
-        if event in (Event.RESET, driver.Event.DONE, Event.CANCEL) and Status.IDLE in facts and Enable.ENABLED in facts:
+        if event in (Event.RESET, DriverEvent.DONE, Event.CANCEL) and ReportedMode.IDLE in facts and Enable.ENABLED in facts:
             back.setdefault(after, set()).add(before)
     good = {one for one in pair.reached if one[0] >= READY | {Task.NONE} and Phase.RESTING in one[1]}
     due = deque(good)
@@ -500,7 +509,7 @@ def drawn(table) -> str:
 
 def grouped(members):
     """Alternatives in one text, enumeration by enumeration."""
-    order = [Event, driver.Event, *NODE_STATE, *DRIVER_STATE, *NODE_FACTS, *DRIVER_FACTS]
+    order = [Event, DriverEvent, *NODE_STATE, *DRIVER_STATE, *NODE_FACTS, *DRIVER_FACTS]
     for kind in sorted(kinds(members), key=order.index):
         ours = [member for member in kind if member in members]
         missing = [member for member in kind if member not in members]

@@ -27,7 +27,7 @@ from pushfric_core.pushers.pusher import (
     Timeout,
 )
 from pushfric_ros.arms import arm as arms
-from pushfric_ros.arms.trajectory import TrajectoryConfig
+from pushfric_ros.arms.trajectory import JointTrajectoryConfig
 from pushfric_ros.arms.twist import TwistConfig
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
@@ -35,7 +35,7 @@ EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 STAGE = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, 0.06, 0.1)
 POSES = {"source": "pose_stamped", "topic": "/tool_pose", "origin": (0.0, 0.0, 0.12), "table": (0.5, 0.1, 0.3)}
 PATIENT = 30.0  # silence, for a busy machine [s]
-DRIVERS = {"twist": TwistConfig, "trajectory": TrajectoryConfig}
+DRIVERS = {"twist": TwistConfig, "trajectory": JointTrajectoryConfig}
 
 
 @pytest.fixture
@@ -267,7 +267,7 @@ def test_without_an_arm_there_is_one_line(ros, monkeypatch, example):
 
 def test_a_trajectory_needs_the_joints_and_their_urdf(ros, monkeypatch, example):
     monkeypatch.setattr(arms, "CONNECT", 0.3)
-    pusher = TrajectoryConfig(**POSES).open_pusher(STAGE)
+    pusher = JointTrajectoryConfig(**POSES).open_pusher(STAGE)
     node = ros.node("controller")
     description = node.create_publisher(String, "/robot_description", LATCHED)
 
@@ -291,7 +291,7 @@ def test_an_arm_that_is_held_back_is_not_pulled_ever_harder(ros, device, example
     ros.node("listener").create_subscription(
         JointTrajectory, "/joint_trajectory_controller/joint_trajectory", sent.append, RELIABLE
     )
-    with connected(TrajectoryConfig) as pusher:
+    with connected(JointTrajectoryConfig) as pusher:
         go_on, here = device._go_on, device.joints
 
         def held(until: float) -> None:

@@ -14,7 +14,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping
 
 from pushfric_core.pushers.clock import Wakefulness, clock
-from pushfric_core.pushers.driver_states import AT_FIRST, DRIVER, STOPPING, Action, Event, Phase, Role, Status, Trust
+from pushfric_core.pushers.driver_states import (
+    AT_FIRST,
+    DRIVER,
+    STOPPING,
+    DriverAction,
+    DriverEvent,
+    Phase,
+    ReportedMode,
+    Role,
+    Trust,
+)
 from pushfric_core.pushers.push_states import Homing
 from pushfric_core.pushers.pusher import (
     POLL_PERIOD,
@@ -117,14 +127,14 @@ class Driver(ABC):
 
     # The state
 
-    def _on(self, event: Event) -> bool:
+    def _on(self, event: DriverEvent) -> bool:
         """Do what the table says of an event. False: it says nothing, so the event is refused. Raises NotConnected."""
-        status = {Mode.IDLE: Status.IDLE, Mode.ALARM: Status.ALARM}.get(self._reported, Status.OTHER)
+        status = {Mode.IDLE: ReportedMode.IDLE, Mode.ALARM: ReportedMode.ALARM}.get(self._reported, ReportedMode.OTHER)
         following = step(DRIVER, self._state, event, {status, self._role, self._homing})
         if following is None:
             return False
         before, self._state = self._state, following.state
-        if Action.HOLD in following.actions:
+        if DriverAction.HOLD in following.actions:
             self.hold(homing=Phase.HOMING in before)
         if any(isinstance(member, Phase) for member in self._state - before):
             self._begin()
@@ -143,7 +153,7 @@ class Driver(ABC):
     def _suspect(self, why: str) -> None:
         """From now on, the position is in doubt."""
         self._doubt = why
-        self._on(Event.DOUBT)
+        self._on(DriverEvent.DOUBT)
 
     def _blame(self, error: PusherError) -> None:
         """An error was heard of: the next poll() raises it, unless an earlier one is due."""
@@ -181,7 +191,7 @@ class Driver(ABC):
         if Phase.CLOSED in self._state:
             self._forget()
             self._open()
-            self._on(Event.CONNECT)
+            self._on(DriverEvent.CONNECT)
 
     def close(self) -> None:
         """See Pusher."""
@@ -199,7 +209,7 @@ class Driver(ABC):
         """See Pusher."""
         if not self._connected:
             raise NotConnected(f"the pusher is not connected: {self.name}")
-        if not self._on(Event.RECOVER):
+        if not self._on(DriverEvent.RECOVER):
             raise NotReady(f"the pusher's mode is {self.mode.value}, expected a pusher at rest")
 
     def move_to(self, position: float, speed: float) -> None:
@@ -208,7 +218,7 @@ class Driver(ABC):
             raise ValueError(f"speed must be positive, got {speed}")
         mode = self.mode
         stroke = self._start(position, speed) if mode is Mode.IDLE else None
-        if stroke is None or not self._on(Event.MOVE):
+        if stroke is None or not self._on(DriverEvent.MOVE):
             if mode is not Mode.IDLE:
                 raise NotReady(f"the pusher's mode is {mode.value}, expected idle")
             raise NotReady(f"where the pusher stands is not known until it is recovered: {self.doubt}")
@@ -217,7 +227,7 @@ class Driver(ABC):
     def stop(self) -> None:
         """See Pusher."""
         with self._left_if_lost():
-            self._on(Event.STOP)
+            self._on(DriverEvent.STOP)
 
     def poll(self, stamp: int | None = None) -> PusherReport | None:
         """See Pusher."""
@@ -232,7 +242,7 @@ class Driver(ABC):
                     raise Timeout(f"this process stood still for {self._gap:.2f} s; silence is {self._silence:g} s")
                 self._judge()
                 while self._script is not None and next(self._script, FINISHED) is FINISHED:
-                    self._on(Event.DONE)
+                    self._on(DriverEvent.DONE)
             except NotConnected:
                 raise
             except PusherError as error:
@@ -278,5 +288,5 @@ class Driver(ABC):
         """Leave the line; tell a pusher that may be moving to stop, although nobody can wait for it any more."""
         before, in_motion = self._state, self._in_motion
         self._forget()
-        self._on(Event.LOST)
+        self._on(DriverEvent.LOST)
         self._leave(before, in_motion)

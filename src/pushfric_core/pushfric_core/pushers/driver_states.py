@@ -7,7 +7,7 @@ from pushfric_core.pushers.state_table import Row, State
 
 
 class Phase(Enum):
-    """The driver's activity; each phase but the first and the one at rest is a script, which ends with Event.DONE."""
+    """The driver's activity; each phase but the first and the one at rest is a script, which ends with DriverEvent.DONE."""
 
     CLOSED = "port closed"
     CONNECTING = "connecting"
@@ -20,7 +20,7 @@ class Phase(Enum):
     UNLOCKING = "unlocking"
 
 
-class Status(Enum):
+class ReportedMode(Enum):
     """The controller's mode, as it reports it."""
 
     IDLE = "reported idle"
@@ -34,7 +34,7 @@ Next = Enum("Next", {"NOTHING": "nothing due", "RECOVERY": "recovery due"})
 Role = Enum("Role", {"DRIVES": "may interfere", "LOOKS": "only looks"})
 
 
-class Event(Enum):
+class DriverEvent(Enum):
     """An event at the driver."""
 
     CONNECT = "connect"
@@ -46,23 +46,23 @@ class Event(Enum):
     LOST = "line lost"  # or left
 
 
-class Action(Enum):
+class DriverAction(Enum):
     """A command that is sent at once."""
 
     HOLD = "feed hold"
 
 
-E, P = Event, Phase
+E, P = DriverEvent, Phase
 STOPPING: set[Enum] = {P.BRAKING, P.RESETTING}
 STOPPABLE = {Role.DRIVES, P.RESTING, P.STREAMING, P.RECOVERING, P.UNLOCKING}
 
 DRIVER = (
     Row((E.CONNECT,), {P.CLOSED}, {P.CONNECTING, Trust.TRUSTED}),
-    Row((E.MOVE,), {Role.DRIVES, P.RESTING, Trust.TRUSTED, Status.IDLE}, {P.STREAMING}),
+    Row((E.MOVE,), {Role.DRIVES, P.RESTING, Trust.TRUSTED, ReportedMode.IDLE}, {P.STREAMING}),
     Row((E.DONE,), {P.CONNECTING, P.STREAMING}, {P.RESTING}),
-    Row((E.STOP,), STOPPABLE | {Status.IDLE, Status.OTHER}, {P.BRAKING}, Action.HOLD),
-    Row((E.STOP,), STOPPABLE | {Status.ALARM}, {P.RESETTING}, Action.HOLD),  # it may obey nothing but a reset
-    Row((E.STOP,), {Role.DRIVES, P.HOMING}, {P.RESETTING}, Action.HOLD),
+    Row((E.STOP,), STOPPABLE | {ReportedMode.IDLE, ReportedMode.OTHER}, {P.BRAKING}, DriverAction.HOLD),
+    Row((E.STOP,), STOPPABLE | {ReportedMode.ALARM}, {P.RESETTING}, DriverAction.HOLD),  # it may obey nothing but a reset
+    Row((E.STOP,), {Role.DRIVES, P.HOMING}, {P.RESETTING}, DriverAction.HOLD),
     Row((E.STOP,), STOPPING, {Next.NOTHING}),
     Row((E.DONE,), {P.BRAKING}, {P.RESETTING}),
     Row((E.DONE,), {P.RESETTING, Next.NOTHING}, {P.RESTING}),

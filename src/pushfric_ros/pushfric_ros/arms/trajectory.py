@@ -29,7 +29,7 @@ The first one brings them to the speed that is wanted, the last one to rest; a s
 
 
 @dataclass(frozen=True)
-class TrajectoryConfig(ArmConfig):
+class JointTrajectoryConfig(ArmConfig):
     """An arm that gets the next DEAD_MAN of its motion again and again: each trajectory ends at rest."""
 
     command: str = setting(
@@ -46,7 +46,7 @@ class TrajectoryConfig(ArmConfig):
 class Trajectories:
     """A stream of JointTrajectory, each from where the last one would be by now."""
 
-    def __init__(self, node: Any, config: TrajectoryConfig) -> None:
+    def __init__(self, node: Any, config: JointTrajectoryConfig) -> None:
         self.topic, self._config = config.command, config
         self._out = node.create_publisher(JointTrajectory, config.command, NEWEST)
         self._states = node.create_subscription(JointState, config.joint_states, lambda _: None, SENSOR_DATA)
