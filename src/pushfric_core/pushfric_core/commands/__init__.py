@@ -22,7 +22,6 @@ SECTIONS = {
         "check-cell": "Check a whole cell against statics: how far p_CF is off for a plate with known loads.",
     },
     "Installation": {
-        "licences": "List the packages that pushfric needs, as installed, with their versions and licences.",
     },
 }
 """The sections of the list of commands: each command's name and the first paragraph of its help; its function's docstring
