@@ -7,18 +7,19 @@ Further cells are about screening (module `spoilt`).
 
 import math
 import pathlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import typer
 from rich.progress import track
 
+from bench import constants
 from bench.paper import spoilt
 from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1, shapes
 from bench.paper.tables import table_of
 from bench.public.zhou2015 import object_on, read_push_points
-from pushfric_core import TABLE_1, Estimate, EstimatorConfig, Observation
+from pushfric_core import TABLE_1, Estimate, EstimatorConfig, InvalidInput, Observation
 from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
@@ -27,6 +28,9 @@ from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import ELLIPSE
 from pushfric_core.offline.workers import results
 from pushfric_core.report.report import to_json
+
+SEEDS = 200
+"""Simulated runs for each case."""
 
 SUBSETS = 30
 """Numbers of real pushes that are chosen at random from each log."""
@@ -41,6 +45,7 @@ PARTS = ("simulated", "real", "mu_c", "screened")
 """The parts of study.json with numbers, each a table of study.md; docs/estimation.md explains them."""
 
 Numbers = dict[str, Any]
+Argument, Result = TypeVar("Argument"), TypeVar("Result")
 
 
 def run_seed(seed: int) -> dict[str, Any]:
@@ -75,28 +80,54 @@ def run_seed(seed: int) -> dict[str, Any]:
 
 def study(
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write: study.json and study.md.")] = RUNS / "study",
-    seeds: Annotated[int, typer.Option(help="Simulated runs for each case.", min=1, max=10_000)] = 200,
+    seeds: Annotated[
+        int | None,
+        typer.Option(help=f"Simulated runs for each case [default: {SEEDS}; with --constants, 1].", min=1, max=10_000),
+    ] = None,
     pushes: Annotated[
         pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015, to study real pushes too.", show_default=False)
+    ] = None,
+    of_constants: Annotated[
+        bool,
+        typer.Option("--constants", help="Instead, halve and double each constant of the belief; 40 minutes of one core."),
+    ] = False,
+    public: Annotated[
+        list[pathlib.Path] | None,
+        typer.Option(help="With --constants: a folder of public pushes, as `import` writes them; may be repeated."),
     ] = None,
     jobs: JobsOption = -1,
     dask: DaskOption = None,
 ) -> None:
     """Measure how far the estimates can be relied on, with simulated pushes of many seeds and with real ones."""
+    if public and not of_constants:
+        raise InvalidInput("--public is for --constants; expected --pushes, or both")
     make_folder(out)
+    if of_constants:
+        found = constants.measure(seeds or 1, public or (), lambda trials: _all(constants.scores, trials, jobs, dask))
+        _write(out, found, "Constants of the belief", [part for part, numbers in found.items() if numbers])
+        return
+    seeds = seeds or SEEDS
     logs = {} if pushes is None else read_push_points(pushes)
-    found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
-    found.sort(key=lambda one: int(one["seed"]))
+    runs = sorted(_all(run_seed, range(seeds), jobs, dask), key=lambda one: int(one["seed"]))
     summary: Numbers = {
         "seeds": seeds,
-        "simulated": {name: _summary([one["cells"][name] for one in found]) for name in found[0]["cells"]},
-        "mu_c": {name: _within([one["mu_c"][name] for one in found if name in one["mu_c"]]) for name in TABLE_1},
-        "screened": spoilt.summary([one["screened"] for one in found]),
+        "simulated": {name: _summary([one["cells"][name] for one in runs]) for name in runs[0]["cells"]},
+        "mu_c": {name: _within([one["mu_c"][name] for one in runs if name in one["mu_c"]]) for name in TABLE_1},
+        "screened": spoilt.summary([one["screened"] for one in runs]),
         "real": _real(logs),
     }
-    write_whole(out / "study.json", to_json(summary) + "\n")
-    parts = (f"\n## {part}\n\n{table_of(summary[part])}" for part in PARTS if summary[part])
-    write_whole(out / "study.md", "".join((f"# Study of {seeds} seeds\n", *parts)))
+    _write(out, summary, f"Study of {seeds} seeds", [part for part in PARTS if summary[part]])
+
+
+def _all(work: Callable[[Argument], Result], arguments: Sequence[Argument], jobs: int, dask: str | None) -> Iterable[Result]:
+    return track(results(work, arguments, jobs, dask), "runs", len(arguments), console=console)
+
+
+def _write(out: pathlib.Path, numbers: Numbers, title: str, parts: Iterable[str]) -> None:
+    """Write study.json, and these parts of it as tables into study.md."""
+    write_whole(out / "study.json", to_json(numbers) + "\n")
+    tables = (f"\n## {part}\n\n{table_of(numbers[part])}" for part in parts)
+    write_whole(out / "study.md", "".join((f"# {title}\n", *tables)))
     say(f"report: {out / 'study.md'}")
 
 

@@ -21,7 +21,7 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "shapes", lambda: {"ring": pushes.shapes()["ring"]})
     monkeypatch.setattr(study, "TABLE_1", {})
     monkeypatch.setattr(simulation, "STEP", 1.2e-3)
-    study.study(tmp_path / "out", 1, None, 1, None)
+    study.study(tmp_path / "out", 1, jobs=1)
     summary = json.loads((tmp_path / "out/study.json").read_text())
     cells = summary["simulated"]
     plans = [f"delrin_rect_right/{plan}" for plan in (*PLANS, "one_place")] + ["ring/all", "ring/places"]
@@ -61,4 +61,4 @@ def test_a_summary_counts_only_what_was_told():
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InvalidInput, match="the folder cannot be created"):
-        study.study(tmp_path / "file", 1, None, 1, None)
+        study.study(tmp_path / "file", 1, jobs=1)

@@ -1,4 +1,7 @@
-"""Every number of the belief that was chosen, each with its unit, its meaning and what it was found on."""
+"""Every number of the belief that was chosen, each with its unit, its meaning and what it was found on.
+
+`./pushfric study --constants` halves and doubles each: no other value says clearly more of simulated and public pushes.
+"""
 
 NU = 4.0
 """Degrees of freedom of the Student distribution of a stretch: usual for robust regression (Lange, Little and Taylor, 1989)."""

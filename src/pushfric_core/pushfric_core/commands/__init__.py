@@ -21,8 +21,7 @@ SECTIONS = {
         "track": "Track the object in the images of a bag again, and say how the poses differ from the recorded ones.",
         "check-cell": "Check a whole cell against statics: how far p_CF is off for a plate with known loads.",
     },
-    "Installation": {
-    },
+    "Installation": {},
 }
 """The sections of the list of commands: each command's name and the first paragraph of its help; its function's docstring
 adds to that."""

@@ -1,0 +1,73 @@
+"""The study of the belief's constants, with few pushes."""
+
+import contextlib
+import json
+
+import public_sets
+import pytest
+
+from bench import constants as study_of_constants
+from bench.paper import pushes, study
+from bench.public import mitpush
+from pushfric_core.belief import constants, mode
+from pushfric_core.errors import InvalidInput
+
+
+@pytest.fixture
+def small(tmp_path, monkeypatch):
+    """Public sets of two objects, and one simulated object with few pushes; two constants are tried."""
+    strokes = tmp_path / "clone" / mitpush.FOLDER
+    strokes.mkdir(parents=True)
+    for shape in ("rect1", "rect3"):
+        (strokes / f"wrench1twist1_20percenttrainingabs_{shape}_quadratic_v10.mat").write_bytes(public_sets.strokes_file())
+    mitpush.import_pushes(tmp_path / "clone", tmp_path / "public")
+    right = pushes.objects()["delrin_rect_right"]._replace(plans={"all": (2, 1, 2, 1)})
+    monkeypatch.setattr(study_of_constants, "objects", lambda: {"right": right})
+    monkeypatch.setattr(study_of_constants, "shapes", dict)
+    monkeypatch.setattr(study_of_constants, "CHOOSES", {"p_CF": ("WIDER",), "doubts": ("LATEST",)})
+    study_of_constants.cases.cache_clear()
+    return tmp_path
+
+
+def test_each_constant_is_halved_and_doubled(small):
+    study.study(small / "out", None, None, True, [small / "public"], 1, None)
+    found = json.loads((small / "out/study.json").read_text())
+    gains, halves = found["gains"], found["halves"]
+    assert [*gains] == ["WIDER = 0.75", "WIDER = 3.0", "LATEST = 3", "LATEST = 12"]
+    parts = {study_of_constants.SIMULATION, *study_of_constants.HALVES}
+    assert {key.removesuffix(" error") for key in gains["WIDER = 3.0"]} == {"topic", *parts}
+    assert gains["WIDER = 0.75"][study_of_constants.SIMULATION] != gains["WIDER = 3.0"][study_of_constants.SIMULATION] != 0
+    assert {*halves} == {f"{half}, {whose}" for half in study_of_constants.HALVES for whose in ("used", "chosen")}
+    assert all(0 <= row["held"] <= row["cases"] == 7 for row in halves.values())
+    assert "| WIDER = 0.75 | p_CF |" in (small / "out/study.md").read_text()
+
+
+def test_a_half_is_judged_by_what_the_rest_chooses():
+    trial = {value: study_of_constants.Trial("p_CF", (("WIDER", value),), 1, ()) for value in (0.75, 3.0)}
+
+    def gain(simulated, one, other, error=0.1):
+        values = dict(zip((study_of_constants.SIMULATION, *study_of_constants.HALVES), (simulated, one, other), strict=True))
+        return values | {f"{part} error": error for part in values}
+
+    gains = {trial[0.75]: gain(0.1, 5.0, 0.3), trial[3.0]: gain(0.2, -9.0, 0.0)}
+    one, other = study_of_constants.HALVES
+    assert study_of_constants._chosen(gains, one) == (("WIDER", 0.75),)  # by the other half
+    assert study_of_constants._chosen(gains, other) == (("WIDER", 0.75),)
+    assert study_of_constants._chosen({trial[3.0]: gain(0.1, 9.0, 0.1)}, one) == ()  # not clearly better
+
+
+def test_constants_have_other_values_only_meanwhile():
+    with contextlib.suppress(ZeroDivisionError), study_of_constants.set_to((("WIDER", 9.0),)):
+        assert (mode.WIDER, constants.WIDER) == (9.0, 9.0)
+        raise ZeroDivisionError
+    assert mode.WIDER == constants.WIDER == 1.5
+
+
+def test_every_constant_has_a_topic():
+    named = {name for name in vars(constants) if name.isupper()}
+    assert sorted(name for names in study_of_constants.CHOOSES.values() for name in names) == sorted(named)
+
+
+def test_public_sets_are_for_the_constants(tmp_path):
+    with pytest.raises(InvalidInput, match="--public is for --constants"):
+        study.study(tmp_path, 1, None, public=[tmp_path])
