@@ -5,15 +5,21 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
+from pushfric_core.estimation.picture import ESTIMATE, INK, MILLIMETRE, STYLE, TRUTH
+from pushfric_core.files.figure_file import save_figure
 from pushfric_core.offline.many import Line, objections
 from pushfric_core.offline.outliers import FEWEST, differing
 from pushfric_core.offline.table import believed_center
-from pushfric_core.report.figures import Centers, centers_figure
 
 PAGE, FIGURE = "report.md", "centers.svg"
 """Names in the folder of the results."""
+
+PANELS = 12
+"""Largest number of objects whose centres are drawn in one figure."""
 
 
 def mark_outliers(lines: Sequence[Line]) -> list[Line]:
@@ -68,8 +74,7 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
         "",
     ]
     if groups:
-        centers = [_centers(name, group) for name, group in groups.items()]
-        centers_figure(folder / FIGURE, centers)
+        _draw_centers(folder / FIGURE, groups)
         text += [
             "| object | estimates | p_CF x [mm] | p_CF y [mm] | half lie within [mm] | mu_c | outliers |",
             "|---|---|---|---|---|---|---|",
@@ -93,12 +98,31 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
     return page
 
 
-def _centers(name: str, group: Sequence[Line]) -> Centers:
-    return Centers(
-        name,
-        np.array([believed_center(line) for line in group]),
-        [pathlib.Path(line["input"]).name if "differs" in line else "" for line in group],
-    )
+def _draw_centers(path: pathlib.Path, objects: dict[str, list[Line]]) -> None:
+    """A panel for each of the first PANELS objects: p_CF of each input, and the names of those that differ."""
+    shown = list(objects.items())[:PANELS]
+    columns = min(len(shown), 3)
+    rows = -(-len(shown) // columns)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(4.2 * columns, 3.8 * rows), layout="constrained")
+        panels = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axes, (name, lines) in zip(panels, shown, strict=False):
+            points = MILLIMETRE * np.array([believed_center(line) for line in lines])
+            differs = np.array(["differs" in line for line in lines])
+            axes.plot(*points[~differs].T, "o", ms=4, mfc="none", color=ESTIMATE, label="p_CF")
+            axes.plot(*points[differs].T, "x", ms=6, color=TRUTH, label="differs from the others")
+            for place, line in zip(points, lines, strict=True):
+                if "differs" in line:
+                    label = pathlib.Path(line["input"]).name
+                    axes.annotate(label, place, (4, 4), textcoords="offset points", fontsize=7, color=INK)
+            axes.set(title=f"{name}: {len(points)}", xlabel="x [mm]", ylabel="y [mm]")
+            axes.set_aspect("equal", "datalim")
+            axes.margins(0.15)
+        for axes in panels[len(shown) :]:
+            axes.axis("off")
+        if any("differs" in line for _, lines in shown for line in lines):
+            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        save_figure(figure, path)
 
 
 def _row(name: str, group: Sequence[Line]) -> str:

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
@@ -17,26 +17,32 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
-from pushfric_core.bags.samples import observation_from_msg, stamp_from_msg
+from pushfric_core.bags.samples import observation_from_msg, pose_sample_from_msg, stamp_from_msg
 from pushfric_core.cell.node_settings import ObjectConfig, ShownConfig, ViewConfig
 from pushfric_core.errors import PushfricError
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
-from pushfric_core.pages.run_server import AT_THE_CELL, Answer, Request, Server
-from pushfric_core.report.story import Change, Story
+from pushfric_core.page.run_server import AT_THE_CELL, Answer, Request, Server
+from pushfric_core.page.story import Change, Story
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
-from pushfric_ros.messages.conversions import pose_to_msg, report_from_msg
+from pushfric_ros.messages.conversions import MODE_NAMES, pose_to_msg, report_from_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import PATIENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_DATA
-from pushfric_ros.view import present
 
 UNSEEN_PERIOD = 1.0
 """Time between readings of the messages that came while nobody looked [s]."""
+
+LEVELS = {
+    DiagnosticStatus.OK: "ok",
+    DiagnosticStatus.WARN: "warning",
+    DiagnosticStatus.ERROR: "error",
+    DiagnosticStatus.STALE: "stale",
+}
 
 
 class ViewNode(Node):
@@ -95,8 +101,7 @@ class ViewNode(Node):
         ):
             topics.subscribe(kind, topic, self._reading(kind, self._telling(told)), qos, raw=True)
         topics.subscribe(CompressedImage, KEYFRAMES, self._reading(CompressedImage, self._on_keyframe), RELIABLE, raw=True)
-        health = self._telling(lambda msg: present.nodes(msg.status, self.get_namespace()))
-        self.create_subscription(DiagnosticArray, "/diagnostics", health, RELIABLE)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._telling(self._on_diagnostics), RELIABLE)
 
     @property
     def url(self) -> str:
@@ -159,12 +164,25 @@ class ViewNode(Node):
         if looking:
             callbacks: dict[str, Callable[[Any], None]] = {
                 "overlay/compressed": lambda msg: self._server.picture(bytes(msg.data)),
-                "object_pose": self._telling(present.pose),
-                "pusher_state": self._telling(present.pusher),
+                "object_pose": self._telling(lambda msg: {"pose": list(pose_sample_from_msg(msg).pose)}),
+                "pusher_state": self._telling(_pusher),
             }
             self._watched = [
                 self.create_subscription(kind, topic, callbacks[topic], qos) for topic, (kind, qos) in self.AT_TIMES.items()
             ]
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> Change:
+        """The health of the cell's nodes, and of no others."""
+        prefix = f"{self.get_namespace().rstrip('/')}/"
+        return {
+            f"node/{status.name.removeprefix(prefix)}": {
+                "level": LEVELS.get(status.level, "error"),
+                "message": status.message,
+                "values": {value.key: value.value for value in status.values},
+            }
+            for status in msg.status
+            if status.name.startswith(prefix)
+        }
 
     def _on_estimate(self, msg: FrictionEstimate) -> Change:
         return self._story.on_estimate(None if msg.status == FrictionEstimate.STATUS_NO_DATA else report_from_msg(msg))
@@ -204,6 +222,21 @@ class ViewNode(Node):
         if silent and not self._story.is_over:
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         return Health(Level.OK, "serving", values)
+
+
+def _pusher(msg: PusherState) -> Change:
+    """Where the pusher is."""
+    return {
+        "pusher": {
+            "mode": MODE_NAMES.get(msg.mode, str(msg.mode)),
+            "position": msg.position,
+            "tip": [msg.tip.x, msg.tip.y],
+            "direction": [msg.direction.x, msg.direction.y],
+            "radius": msg.tip_radius,
+            "in_doubt": msg.in_doubt,
+            "age": msg.age,
+        }
+    }
 
 
 def _announced() -> ViewNode:

@@ -17,9 +17,9 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from pushfric_core.cell.node_settings import REPORT_FILE, ViewConfig
 from pushfric_core.geometry.planar import Pose
-from pushfric_core.pages.page_server import Asked, PageServer
-from pushfric_core.report.report import to_json
-from pushfric_core.report.story import PASSING, Change
+from pushfric_core.page.server import Asked, PageServer
+from pushfric_core.page.story import PASSING, Change, Told, as_object
+from pushfric_core.records import to_json
 from pushfric_core.trajectories.observation import PUSH_IDS
 
 AT_THE_CELL = ("lamp", "unplug", "emergency_stop")
@@ -36,10 +36,6 @@ ANSWER_WITHIN = 15.0
 
 WITHOUT_TOKEN, RUN_ENDED = 4001, 1001
 """WebSocket status codes that say why a visitor's connection is closed."""
-
-
-Parcel = dict[str, str]
-"""A change of the story, or all of it; each value as JSON."""
 
 
 class Answer(NamedTuple):
@@ -78,9 +74,8 @@ class Server(PageServer):
         report: pathlib.Path | None = None,
     ) -> None:
         self._on_request, self._on_looking, self.report = on_request, on_looking, report
-        self._story: Parcel = {}
+        self.told = Told()
         self._came: dict[str, float] = {}  # when what passes did
-        self._kept: dict[str, bytes] = {}  # the pictures of the story, by its keys
         self._visitors: set[Visitor] = set()
         self._looking = False
         routes = [
@@ -101,16 +96,12 @@ class Server(PageServer):
         """Show the newest picture to those who look; from any thread."""
         self.call(self._picture, jpeg)
 
-    def kept(self, key: str) -> bytes | None:
-        """The picture of the story that has this key; None if there is none."""
-        return self._kept.get(key)
-
     def welcome(self, visitor: "Visitor") -> None:
         """Send everything so far to a new visitor."""
         self._visitors.add(visitor)
         now = time.monotonic()
         ages = {key: now - came for key, came in self._came.items()}
-        visitor.tell(self._story | ({"ages": to_json(ages)} if ages else {}))
+        visitor.tell(self.told.values | ({"ages": to_json(ages)} if ages else {}))
         self.look()
 
     def leave(self, visitor: "Visitor") -> None:
@@ -140,13 +131,8 @@ class Server(PageServer):
         await asyncio.gather(*(visitor.bid_farewell() for visitor in list(self._visitors)), return_exceptions=True)
 
     def _show(self, change: Change, jpeg: bytes) -> None:
-        told = {key: to_json(value) for key, value in change.items()}  # once, not for each visitor: a story may be long
-        self._story |= told
+        told = self.told.take(change, jpeg)  # once, not for each visitor: a story may be long
         self._came |= {key: time.monotonic() for key in change if key.startswith(PASSING)}
-        self._kept |= {key: jpeg for key in change if jpeg and key.startswith("picture/")}
-        for key in [key for key, value in change.items() if value is None and key != "estimate"]:
-            del self._story[key]
-            self._kept.pop(key, None)
         for visitor in self._visitors:
             visitor.tell(told)
 
@@ -162,7 +148,7 @@ class Visitor(WebSocketHandler):
         self._server = server
         self.looks, self.has_report = True, False
         self._whole = True  # the first parcel is the whole story
-        self._parcel: Parcel = {}
+        self._parcel: dict[str, str] = {}  # a change of the story, or all of it; each value as JSON
         self._jpeg: bytes | None = None
         self._news = asyncio.Event()
         self._sending: asyncio.Task[None] | None = None
@@ -204,7 +190,7 @@ class Visitor(WebSocketHandler):
             self._sending.cancel()
             self._server.leave(self)
 
-    def tell(self, told: Parcel) -> None:
+    def tell(self, told: dict[str, str]) -> None:
         """Put a change into the parcel that waits."""
         self._parcel |= told
         self._news.set()
@@ -230,8 +216,7 @@ class Visitor(WebSocketHandler):
                 jpeg, self._jpeg = self._jpeg, None
                 if parcel:
                     kind, self._whole = "all" if self._whole else "some", False
-                    values = ", ".join(f"{to_json(key)}: {value}" for key, value in parcel.items())
-                    await self.write_message(f'{{"{kind}": {{{values}}}}}')
+                    await self.write_message(f'{{"{kind}": {as_object(parcel)}}}')
                 if jpeg is not None:
                     await self.write_message(jpeg, binary=True)
         except WebSocketClosedError:
@@ -246,7 +231,7 @@ class Picture(Asked):
     def get(self, key: str) -> None:
         """A picture, as JPEG."""
         self.admit()
-        jpeg = self.server.kept(key)
+        jpeg = self.server.told.pictures.get(key)
         if jpeg is None:
             raise HTTPError(404)
         self.set_header("Content-Type", "image/jpeg")

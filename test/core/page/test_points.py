@@ -9,9 +9,9 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient
 
 from pushfric_core.cell.node_settings import ViewConfig
-from pushfric_core.pages.clicked_points import ClickedPoints
-from pushfric_core.pages.picture_server import PNG, PictureServer
-from pushfric_core.report.report import to_json
+from pushfric_core.page.clicked_points import ClickedPoints
+from pushfric_core.page.picture_server import PNG, PictureServer
+from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, Lens
 
 CAMERA = Camera.looking_down(640, 480, (0.2, 0.15), 1e-3, distortion=(-0.2, 0.08, 0.001, -0.0005, 0.0))

@@ -37,16 +37,14 @@ def test_the_page_needs_nothing_else(page):
     assert not any(loaded in outside for loaded in ("<script src", 'src="', "@import", 'href="http', "import {", "export "))
     for said in ("rubber_rect4", "@media print", "minimum_speed"):
         assert said in text
-    (bag,) = re.findall(r'href="([^":]*)">recorded data', text)
-    assert (page[0].parent / bag).resolve() == BAG.resolve()
+    assert (page[0].parent / told(text)["data"]).resolve() == BAG.resolve()
 
 
 def test_the_last_pushes_are_predicted_from_those_before(page):
     _, text = page
-    section = text[text.index('id="predictions"') : text.index('id="account"')]
-    assert "The last 4 pushes, predicted from the 10 before" in section
-    rows = re.findall(r"<tr>(.*?)</tr>", section, re.DOTALL)[1:]
-    numbers = [[float(number) for number in re.findall(r'<span class="">([0-9.]+)', row)] for row in rows]
+    section = told(text)["tables"]["predictions"]
+    assert "The last 4 pushes, predicted from the 10 before" in section["text"]
+    numbers = [[float(number) for number in row] for row in section["rows"]]
     assert [row[0] for row in numbers] == [11, 12, 13, 14]
     assert all(median < 1.0 for _, _, median, _, _ in numbers)  # [degree], of a simulated object
     count, within = (sum(row[column] for row in numbers) for column in (1, 4))

@@ -16,9 +16,9 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig, is_loopback
 from pushfric_core.errors import InvalidInput
-from pushfric_core.report.story import RUN_PAGE
+from pushfric_core.page.story import RUN_PAGE
 
-FOLDERS = (pathlib.Path(__file__).parent / "page", RUN_PAGE)
+FOLDERS = (pathlib.Path(__file__).parent / "work", RUN_PAGE)
 """Folders of the pages' files."""
 
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}

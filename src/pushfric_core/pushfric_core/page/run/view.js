@@ -62,7 +62,7 @@ function connect() {
   };
 }
 
-// What only the end of a run can tell, taken from its report before nobody serves it any more; and the report, to be saved
+// The report, to be saved, and what it alone can tell, before nobody serves them any more
 let report = null;
 async function takeReport(socket) {
   if (report !== null) return;
@@ -71,12 +71,9 @@ async function takeReport(socket) {
     const answered = await fetch(`report.html?token=${encodeURIComponent(token)}`), text = await answered.text();
     if (!answered.ok) throw new Error(text);
     report = URL.createObjectURL(new Blob([text], { type: "text/html" }));
-    const page = new DOMParser().parseFromString(text.slice(0, text.indexOf("</main>")), "text/html"), main = document.querySelector("main");
-    main.before(...page.querySelectorAll(".doubt"));
-    main.append(...page.querySelectorAll("#downloads, #downloads ~ *"));
-    at("downloads").querySelector("a:not([download])")?.remove(); // a file beside the report
+    const { doubts, files, tables, made } = JSON.parse(text.match(/id="story">(.*)<\/script>/)[1]);
+    if (!run.story.tables) run.take({ some: { doubts, files, tables, made } });
     at("result_page").href = report;
-    if (connection === "over") at("downloads").lastElementChild.append(at("result_page"));
   } catch {
     report = null; // it stays in its file
   }
@@ -139,6 +136,7 @@ function redraw() {
     drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
     drawCard(run, story);
     drawNodes();
+    drawEnd();
     if (story.object || connection !== "connecting") document.body.classList.remove("waiting");
   });
 }
@@ -324,7 +322,7 @@ function unit(id, text, what) {
   at(id).replaceChildren(text, ...(text === "–" ? [] : [name]));
 }
 
-const addressOf = ({ key, src }) => src ?? `${key}?token=${encodeURIComponent(token)}`;
+const addressOf = ({ key, src }) => src ?? run.story[`src/${key}`] ?? `${key}?token=${encodeURIComponent(token)}`;
 
 // Load the pictures before they are asked for: when the run ends, nobody serves them any more
 let keeping = false;
@@ -446,6 +444,34 @@ function drawNodes() {
     }
   }
   for (const kept of [...list.children]) if (!story[kept.dataset.node]) kept.remove();
+}
+
+// What only the end of a run can tell
+let ended = null;
+function drawEnd() {
+  const { doubts, files, data, tables, made } = story;
+  if (!tables || ended === tables) return;
+  ended = tables;
+  document.querySelectorAll(".doubt").forEach((one) => one.remove());
+  document.querySelector("main").before(...doubts.map((doubt) => Object.assign(worded("p", `✗ ${doubt}`), { className: "doubt" })));
+  const links = Object.entries(files).map(([download, text]) => [download, { download, href: URL.createObjectURL(new Blob([text])) }]);
+  if (data) links.push(["recorded data", { href: data }]);
+  const buttons = links.flatMap(([name, where]) => [Object.assign(worded("a", name), { className: "button", ...where }), " "]);
+  at("downloads").lastElementChild.replaceChildren(...buttons, ...(connection === "over" ? [at("result_page")] : []));
+  at("made").textContent = made;
+  at("downloads").hidden = at("made").hidden = false;
+  for (const [id, { text, heads, rows, bold = [] }] of Object.entries(tables)) {
+    const section = at(id), table = document.createElement("table"), body = table.createTBody();
+    for (const row of heads ? [heads, ...rows] : []) {
+      const cells = row.map((one) => worded(row === heads && one ? "th" : "td", one));
+      if (row.length === 1) Object.assign(cells[0], { className: "under", colSpan: heads.length });
+      if (bold.includes(row[0])) cells.at(-1).className = "better";
+      body.insertRow().append(...cells);
+    }
+    section.replaceChildren(section.firstElementChild, ...(text ? [worded("p", text)] : []), Object.assign(document.createElement("div"), { className: "wide", tabIndex: 0 }));
+    section.lastElementChild.append(table);
+    section.hidden = false;
+  }
 }
 
 function worded(tag, text) {

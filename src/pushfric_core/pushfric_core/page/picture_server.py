@@ -10,8 +10,8 @@ import cv2
 
 from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.errors import InvalidInput
-from pushfric_core.pages.page_server import Asked, PageServer
-from pushfric_core.report.report import to_json
+from pushfric_core.page.server import Asked, PageServer
+from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Image
 from pushfric_core.vision.frame_source import Frames
 
