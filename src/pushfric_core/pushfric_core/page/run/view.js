@@ -71,8 +71,10 @@ async function takeReport(socket) {
     const answered = await fetch(`report.html?token=${encodeURIComponent(token)}`), text = await answered.text();
     if (!answered.ok) throw new Error(text);
     report = URL.createObjectURL(new Blob([text], { type: "text/html" }));
-    const { doubts, files, tables, made } = JSON.parse(text.match(/id="story">(.*)<\/script>/)[1]);
-    if (!run.story.tables) run.take({ some: { doubts, files, tables, made } });
+    if (!run.story.tables) {
+      const { doubts, files, tables, made } = JSON.parse(text.match(/id="story">(.*)<\/script>/)[1]);
+      run.take({ some: { doubts, files, tables, made } });
+    }
     at("result_page").href = report;
   } catch {
     report = null; // it stays in its file
