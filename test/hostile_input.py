@@ -54,7 +54,7 @@ from pushfric_core.files.pushes_file import read_edge_pushes, read_point_pushes
 from pushfric_core.files.yaml_edit import with_values
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
-from pushfric_core.offline.table import write_table
+from pushfric_core.offline.summary import write_table
 from pushfric_core.page.clicked_points import ClickedPoints
 from pushfric_core.page.drawn_object import DrawnObject
 from pushfric_core.pushers.grbl import Grbl

@@ -126,8 +126,7 @@ def _many(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     from pushfric_core.offline.many import Line, estimate_many, inputs_of
-    from pushfric_core.offline.summary import counts, mark_outliers, write_summary
-    from pushfric_core.offline.table import write_table
+    from pushfric_core.offline.summary import counts, mark_outliers, write_summary, write_table
 
     if pathlib.Path(choices.object_name).is_file():
         choices = dataclasses.replace(choices, object_name=str(pathlib.Path(choices.object_name).absolute()))

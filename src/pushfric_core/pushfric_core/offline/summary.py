@@ -1,5 +1,6 @@
-"""The summary of many estimates: a Markdown page of outliers, unusable estimates and broken inputs."""
+"""Many estimates as one table, and their summary: a Markdown page of outliers, unusable estimates and broken inputs."""
 
+import csv
 import pathlib
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -13,13 +14,19 @@ from pushfric_core.estimation.picture import ESTIMATE, INK, MILLIMETRE, STYLE, T
 from pushfric_core.files.figure_file import save_figure
 from pushfric_core.offline.many import Line, objections
 from pushfric_core.offline.outliers import FEWEST, differing
-from pushfric_core.offline.table import believed_center
 
-PAGE, FIGURE = "report.md", "centers.svg"
+TABLE, PAGE, FIGURE = "table.csv", "report.md", "centers.svg"
 """Names in the folder of the results."""
 
 PANELS = 12
 """Largest number of objects whose centres are drawn in one figure."""
+
+COLUMNS = (
+    "input", "object", "status", "use", "error", "reasons", "p_cf_x", "p_cf_y", "var_x", "var_y", "cov_xy",
+    "mu_c", "mu_c_low", "mu_c_high", "mu_c_kind", "mu_c_p90", "mu_c_max", "total_friction", "objective", "gap",
+    "data_points", "pushes", "outlier", "warnings", "model",
+)  # fmt: skip
+"""Those of the table; SI units, object frame."""
 
 
 def mark_outliers(lines: Sequence[Line]) -> list[Line]:
@@ -55,6 +62,34 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
     states = {"usable": use[True], "not_usable": use[False], "broken": use[None]}
     outliers = sum("differs" in line for line in lines)
     return {"inputs": len(lines), "outliers": outliers} | states
+
+
+def believed_center(line: Line) -> list[float]:
+    """The belief's p_CF; that of the program if the pushes do not show how far it is off."""
+    known: list[float] = line["belief"].get("center_of_friction", line["center_of_friction"])
+    return known
+
+
+def write_table(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
+    """Write the table of many estimates; return the file."""
+    with (folder / TABLE).open("w", newline="", encoding="utf-8") as stream:
+        table = csv.DictWriter(stream, COLUMNS)
+        table.writeheader()
+        table.writerows(map(_table_row, lines))
+    return folder / TABLE
+
+
+def _table_row(line: Line) -> Line:
+    row = {name: line[name] for name in COLUMNS if name in line}
+    row |= {"outlier": "; ".join(line.get("differs", ())), "warnings": len(line["warnings"])}
+    if "belief" in line:
+        row["use"], row["reasons"] = not objections(line), " ".join(one["code"] for one in objections(line))
+        row["p_cf_x"], row["p_cf_y"] = believed_center(line)
+        mu_c, bounds, unknown = line["belief"].get("mu_c", {}), line["mu_c"], (None, None)
+        (row["var_x"], row["cov_xy"]), (_, row["var_y"]) = line["belief"].get("covariance", (unknown, unknown))
+        row["mu_c"], (row["mu_c_low"], row["mu_c_high"]) = mu_c.get("value"), mu_c.get("interval", unknown)
+        row |= {"mu_c_kind": mu_c.get("kind"), "mu_c_p90": bounds["p90"], "mu_c_max": bounds["max"]}
+    return row
 
 
 def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
