@@ -139,7 +139,7 @@ def test_who_asks_is_told_when_nobody_answers(server, told, monkeypatch):
 
     asyncio.run(visit())
     (request,) = told.requests
-    assert (request.action, request.push) == ("stop", None)
+    assert request.what == "stop"
 
 
 def test_requests_that_are_none_are_refused(server, told):

@@ -159,7 +159,7 @@ def table(
         if shown is not None:
             places = [] if marks is None else read_table_places(marks).tolist()
             from pushfric_core.page.clicked_points import ClickedPoints  # imported late: only this needs tornado
-            from pushfric_core.page.picture_server import work_in_a_browser
+            from pushfric_core.page.work_page import work_in_a_browser
 
             clicked = ClickedPoints(known, camera, places)
             frames = frames_from(source, namespace, (known.width, known.height))

@@ -12,7 +12,7 @@ from pushfric_core.cell.node_settings import REPORT_FILE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import CellOption, Input, ObjectOption, PartialFlag
-from pushfric_core.page.run_server import Answer, Server
+from pushfric_core.page.run_server import Server
 from pushfric_core.page.story import Change, Told
 
 BETWEEN = 0.5
@@ -32,7 +32,7 @@ def view(
     """Needs no node graph. Ctrl-C ends it; other machines can be given the file that report writes."""
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder) / REPORT_FILE
-        over = Answer(False, "the run is over")
+        over = {"done": False, "message": "the run is over"}
         server = Server(ViewConfig(port=port), lambda request: request.answer(over), lambda looking: None, report)
         try:
             say(f"view: {server.url} (Ctrl-C ends it)")

@@ -1,5 +1,6 @@
 """The view node: shows a run to browsers, and passes on what their visitors ask for."""
 
+import math
 import pathlib
 from collections import deque
 from collections.abc import Callable
@@ -18,11 +19,13 @@ from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
 from pushfric_core.bags.samples import observation_from_msg, pose_sample_from_msg, stamp_from_msg
-from pushfric_core.cell.node_settings import ObjectConfig, ShownConfig, ViewConfig
+from pushfric_core.cell.node_settings import SWITCHES, ObjectConfig, ShownConfig, ViewConfig
 from pushfric_core.errors import PushfricError
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
-from pushfric_core.page.run_server import AT_THE_CELL, Answer, Request, Server
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.page.run_server import PUSH_SERVICES, SERVICES, Server
+from pushfric_core.page.server import Request
 from pushfric_core.page.story import Change, Story
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
@@ -67,7 +70,8 @@ class ViewNode(Node):
         self._wake = self.create_guard_condition(self._do_what_is_asked)
         shown = declare(self, ShownConfig)
         report = shown.report
-        self._server = Server(config, self._on_request, self._on_looking, pathlib.Path(report) if report else None)
+        told = self._here(self._carry_out), self._here(self._look)
+        self._server = Server(config, *told, pathlib.Path(report) if report else None)
         self._server.show(self._story.begin() | {"report": report, "played": shown.played})
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
@@ -76,14 +80,11 @@ class ViewNode(Node):
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
         self._hand_out = self.create_publisher(PoseStamped, "hand", RELIABLE)
         self._switch_out = self.create_publisher(String, "switch", RELIABLE)
-        triggers = {
-            "stop": "actuator/stop",
-            "reset": "actuator/reset",
-            **{what: f"experiment/{what}" for what in ("repeat", "skip", "end")},
+        self._services_of: dict[str, Client] = {
+            what: self.create_client(kind, name)
+            for kind, services in ((Trigger, SERVICES), (SelectPush, PUSH_SERVICES))
+            for what, name in services.items()
         }
-        self._services_of: dict[str, Client] = {what: self.create_client(Trigger, name) for what, name in triggers.items()}
-        pushes = {"exclude": "estimator/exclude_push", "keep": "estimator/keep_push"}
-        self._services_of |= {what: self.create_client(SelectPush, name) for what, name in pushes.items()}
         self._diagnostics = topics = Diagnostics(self, self._health)
         story = self._story
         # from the start, even if nobody looks: a visitor who comes late gets all of it
@@ -92,14 +93,11 @@ class ViewNode(Node):
             for kind, topic, told, qos in (
                 (FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED_QUEUE),
                 (Observation, "observation", lambda msg: story.on_observation(observation_from_msg(msg)), RELIABLE),
+                (PlanProgress, "plan_progress", story.on_plan, LATCHED_QUEUE),
+                (String, SETTINGS_TOPIC, lambda msg: story.on_settings(msg.data), LATCHED),
+                (String, "pusher_fault", lambda msg: story.on_fault(msg.data), LATCHED),
             )
-        ]
-        for kind, topic, told, qos in (
-            (PlanProgress, "plan_progress", story.on_plan, LATCHED_QUEUE),
-            (String, SETTINGS_TOPIC, lambda msg: story.on_settings(msg.data), LATCHED),
-            (String, "pusher_fault", lambda msg: story.on_fault(msg.data), LATCHED),
-        ):
-            topics.subscribe(kind, topic, self._reading(kind, self._telling(told)), qos, raw=True)
+        ][:2]
         topics.subscribe(CompressedImage, KEYFRAMES, self._reading(CompressedImage, self._on_keyframe), RELIABLE, raw=True)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._telling(self._on_diagnostics), RELIABLE)
 
@@ -144,15 +142,14 @@ class ViewNode(Node):
         while self._asked:
             self._asked.popleft()()
 
-    def _on_request(self, request: Request) -> None:
-        """In the server's thread."""
-        self._asked.append(lambda: self._carry_out(request))
-        self._wake.trigger()
+    def _here(self, do: Callable[[Any], None]) -> Callable[[Any], None]:
+        """The same for the server's thread: it is done in this node's."""
 
-    def _on_looking(self, looking: bool) -> None:
-        """In the server's thread."""
-        self._asked.append(lambda: self._look(looking))
-        self._wake.trigger()
+        def ask(what: Any) -> None:
+            self._asked.append(lambda: do(what))
+            self._wake.trigger()
+
+        return ask
 
     def _look(self, looking: bool) -> None:
         """Begin to receive what moves and to read all at once, or stop."""
@@ -193,27 +190,30 @@ class ViewNode(Node):
 
     def _carry_out(self, request: Request) -> None:
         """Call the service that a visitor's request means; a stop also goes out on its topic, at once."""
-        if request.pose is not None or request.action in AT_THE_CELL:
+        action, *given = request.what.split("/")
+        numbers = list(map(int, given))
+        if action == "lay" or action in SWITCHES:
             simulated = self._hand_out.get_subscription_count() > 0
-            if request.pose is not None:
-                self._hand_out.publish(PoseStamped(pose=pose_to_msg(request.pose)))
+            if action == "lay":
+                x, y, turn = numbers
+                self._hand_out.publish(PoseStamped(pose=pose_to_msg(Pose(1e-4 * x, 1e-4 * y, math.radians(0.1 * turn)))))
             else:
-                self._switch_out.publish(String(data=request.action))
-            request.answer(Answer(simulated, "done" if simulated else "nobody simulates this cell"))
+                self._switch_out.publish(String(data=action))
+            request.answer({"done": simulated, "message": "done" if simulated else "nobody simulates this cell"})
             return
-        client = self._services_of[request.action]
-        if request.action == "stop":
+        client = self._services_of[action]
+        if action == "stop":
             self._stop_out.publish(Empty())
         if not client.service_is_ready():
             name = self.resolve_service_name(client.srv_name)
-            request.answer(Answer(False, f"no service {name}: nobody there can do it"))
+            request.answer({"done": False, "message": f"no service {name}: nobody there can do it"})
             return
-        question = Trigger.Request() if request.push is None else SelectPush.Request(push_id=request.push)
 
         def answered(future: Future) -> None:
             response = future.result()
-            request.answer(Answer(response.success, response.message))
+            request.answer({"done": response.success, "message": response.message})
 
+        question = SelectPush.Request(push_id=numbers[0]) if numbers else Trigger.Request()
         client.call_async(question).add_done_callback(answered)
 
     def _health(self) -> Health:

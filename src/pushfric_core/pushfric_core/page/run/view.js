@@ -6,7 +6,7 @@ import { Run } from "./run.js";
 
 const RETRY_MS = 2000, PAPER = 688; // width of a sheet of A4 without its margins [px]
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
-const SWITCHES = ["lamp", "unplug", "emergency_stop"]; // that a person at a simulated cell turns over
+const SWITCHES = document.querySelectorAll("#switches button"); // that a person at a simulated cell turns over
 
 const token = new URLSearchParams(location.search).get("token") ?? "";
 const at = (id) => document.getElementById(id);
@@ -362,7 +362,7 @@ function drawCamera(moment, compared) {
   at("seen").classList.toggle("problem", Boolean(unseen));
   const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
   at("switches").hidden = !turned.lamp;
-  for (const what of SWITCHES) at(what).ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[what]));
+  for (const button of SWITCHES) button.ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[button.id]));
 }
 
 const lines = new Map(); // of the table, by push
@@ -567,7 +567,7 @@ addEventListener("beforeprint", () => {
 });
 addEventListener("afterprint", () => { drawn = []; redraw(); });
 listenForGuess(() => story, redraw);
-for (const what of ["stop", "reset", "repeat", "skip", "end", ...SWITCHES]) at(what).addEventListener("click", () => ask(what));
+for (const button of document.querySelectorAll(".buttons button, #switches button")) button.addEventListener("click", () => ask(button.id));
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled || connection === "over") return; // whatever has the focus
   event.preventDefault();
