@@ -190,8 +190,8 @@ function drawNow() {
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
-  const way = wayToPlace(story), hand = isLaid() ? "; drag it on the table, turn it by the ring, or use the arrow keys there (with Shift, they turn)" : "";
-  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go${hand}`;
+  const way = wayToPlace(story);
+  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
   at("result").hidden = !(story.report && plan?.phase === "finished");
   write("report", story.report ?? "");
@@ -362,6 +362,7 @@ function drawCamera(moment, compared) {
   at("seen").classList.toggle("problem", Boolean(unseen));
   const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
   at("switches").hidden = !turned.lamp;
+  at("hand").hidden = connection !== "live" || !run.story["node/simulated_cell"];
   for (const button of SWITCHES) button.ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[button.id]));
 }
 
