@@ -150,6 +150,15 @@ def test_the_list_of_commands_loads_none_of_them():
     assert not {"rclpy", "numpy", "matplotlib", "scipy", "cv2", "pydantic"} & {*loaded}
 
 
+def test_no_node_of_a_cell_loads_what_only_few_runs_need():
+    nodes = [f"pushfric_ros.nodes.{name}" for name in ("tracker", "actuator", "estimator", "experiment", "recorder", "view")]
+    program = f"import sys, {', '.join(nodes)}; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    loaded = run.stdout.split()
+    assert {*nodes} <= {*loaded}
+    assert not {"scipy", "matplotlib", "osqp", "dask"} & {*loaded}
+
+
 @pytest.mark.parametrize(
     "name", ["", *COMMANDS, "bag verify", "bag recover", "calibrate board", "calibrate lens", "calibrate table"]
 )

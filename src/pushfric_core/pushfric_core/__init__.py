@@ -1,5 +1,14 @@
 """Friction parameters of pushed objects (Lynch 1993), without ROS.
 
+What to call, by task:
+
+- read: `load` a bag, a CSV of observations, a saved model or an object;
+- learn: `Estimator.add` observations, `Estimator.estimate`; or `believe` for w and mu_c with their errors alone; `Trajectory`
+  makes observations of poses and pusher states;
+- use: `friction_model` of an estimate, then `predict`, `predict_strokes`, `motion_cone`, `stability`, `export`;
+- choose: `next_pushes` for p_CF, `slip_pushes` for mu_c; `Recognizer` tells known objects apart;
+- simulate: `PushedObject`, `pushed_motion`; with `LimitSurface`, `named_ellipsoid`, `convex_quartic`.
+
 The names below are the public interface. Each is loaded when it is first used, so importing the package costs next to nothing.
 What needs an extra (bags, pictures, tables) imports its packages when it is called; if one is missing, the error names it and
 the command that installs it.

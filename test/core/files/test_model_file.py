@@ -116,6 +116,15 @@ def test_a_model_is_loaded_with_the_names_of_the_json_of_an_estimate(path):
     assert mu_c.interval[1] == math.inf
 
 
+def test_an_object_is_loaded_by_its_name_or_its_file(tmp_path):
+    (tmp_path / "plate.yaml").write_text(
+        "name: plate\noutline: [[0, 0], [0.1, 0], [0.1, 0.06], [0, 0.06]]\nsupport: {grid: [4, 3]}\n"
+    )
+    for source, name, count in (("wood_rect4", "wood_rect4", 15), (tmp_path / "plate.yaml", "plate", 12)):
+        found = load(source)
+        assert (found.name, found.support_points.shape) == (name, (count, 2))
+
+
 def test_nothing_is_left_where_nothing_can_be_written(path, tmp_path):
     file, _ = load_model(path)
     with pytest.raises(InvalidInput, match=r"expected the name of a file that ends with \.yaml"):

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from pushfric_core import Outline, Pose, PoseSample, PusherSample, PushingLine, Trajectory, TrajectoryConfig
+from pushfric_core.trajectories.lag import student
 from pushfric_core.trajectories.ledger import DoubtCode
 
 OUTLINE = Outline.rectangle(0.1, 0.06)
@@ -71,3 +73,8 @@ def test_a_large_lag_is_doubted_until_it_is_corrected():
 def test_pushes_that_cannot_show_a_lag_show_none(how):
     """The tip was not seen to stop, does not keep to its line, or has pushed too seldom."""
     assert watched(0.05, 1e-4, np.random.default_rng(3), **how).lag is None
+
+
+@pytest.mark.parametrize("freedom", [2, 3, 4, 7, 30])
+def test_the_quantile_agrees_with_that_of_a_library(freedom):
+    assert student(freedom) == pytest.approx(stdtrit(freedom, 0.95), rel=3e-3)

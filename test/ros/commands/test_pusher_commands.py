@@ -14,7 +14,7 @@ from pushfric_ros.nodes.actuator import ActuatorNode
 
 
 def test_a_person_jogs_stops_and_resets(ros):
-    with SimulatedGrbl(time.monotonic) as controller, Person("/person_cell", "/") as person:
+    with SimulatedGrbl(time.monotonic) as controller, Person("/person_cell") as person:
         given = overrides({"port": controller.port, **STAGE})
         ros.compose(ActuatorNode(namespace="/person_cell", parameter_overrides=given))
 
@@ -40,7 +40,7 @@ def test_a_person_jogs_stops_and_resets(ros):
 
 def test_without_a_cell_a_person_is_told_so(monkeypatch):
     monkeypatch.setattr("pushfric_ros.node_kit.person.ANSWER_TIMEOUT", 0.2)
-    with Person("/nobody", "/") as person:
+    with Person("/nobody") as person:
         with pytest.raises(NoAnswer, match=r"no service /nobody/actuator/stop; (no cell runs|running) on this machine"):
             person.call("actuator/stop")
         with pytest.raises(NoAnswer, match="no pusher_state comes"):

@@ -112,5 +112,5 @@ def test_the_nodes_of_the_command_line_serve_nothing(ros):
     """Not even their parameters: the policy allows it to nobody, and a node that may not serve cannot be made."""
     with Visit(partial(MonitorNode, print, print, starts_player=False, namespace="/left")) as monitor:
         assert [*monitor.node.services] == []
-    with Person("/left", "/left/command_line") as person:
+    with Person("/left") as person:
         assert [*person._node.services] == []

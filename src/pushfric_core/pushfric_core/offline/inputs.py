@@ -20,6 +20,7 @@ from pushfric_core.files.object_file import (
     load_object,
     make_object,
     read_points,
+    yaml_content,
 )
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.trajectories.observation import Observation
@@ -99,16 +100,17 @@ class Recording(Observations):
 
 def load(
     source: str | os.PathLike[str], object: str | os.PathLike[str] = "", partial: bool = False, namespace: str | None = None
-) -> Recording | ModelFile:
+) -> Recording | ModelFile | ObjectModel:
     """The observations of a bag or a CSV, with the object that was pushed: what `pushfric estimate` estimates from.
 
-    Of a saved model, the file itself, with the names of the JSON of `estimate` as attributes.
+    Of a saved model, the file itself, with the names of the JSON of `estimate` as attributes; of an object, as `edit` and
+    `calibrate` know it, its outline and support points.
 
     A warning (UserWarning) names each message that is refused, and whatever does not add up in the bag.
 
     Args:
         source: the bag (folder or .mcap), or the CSV of observations (docs/files.md), object frame, SI units; or the model
-            that `estimate --save` has written (.yaml).
+            that `estimate --save` has written (.yaml); or an object of Table 1 by name, or its YAML.
         object: an object of Table 1 by name, or the path of its YAML; may be left out for a bag with object.yaml next to it.
         partial: accept a bag from which messages are missing.
         namespace: of the cell; None: the bag has only one.
@@ -128,7 +130,11 @@ def load(
     """
     path = pathlib.Path(source)
     if path.suffix in SUFFIXES and not path.is_dir():
-        return load_model(path)[0]
+        content = yaml_content(path)
+        is_object = isinstance(content, dict) and "outline" in content
+        return load_object(str(path)) if is_object else load_model(path)[0]
+    if str(path) in TABLE_1 and not path.exists():
+        return load_object(str(path))
     model, _ = object_of(path, os.fspath(object), "object='OBJ.yaml'")
     recorded = Recorded(path, namespace)
     said: list[str] = []

@@ -4,10 +4,10 @@ from typing import Annotated
 
 import typer
 
+from pushfric_core.cell.node_settings import NAMESPACE
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE, NamespaceOption
 from pushfric_core.commands.options import in_range
-from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
 from pushfric_ros.node_kit.person import Person
 
 app = Application()
@@ -25,5 +25,5 @@ def jog(
     speed: Annotated[float, typer.Option(help="Speed [m/s].", **in_range(0.0001, FASTEST_STROKE, "m/s"))] = 0.01,
     namespace: NamespaceOption = NAMESPACE,
 ) -> None:
-    with Person(namespace, enclave(namespace, COMMAND_LINE)) as person:
+    with Person(namespace) as person:
         print(person.jog(distance, speed))

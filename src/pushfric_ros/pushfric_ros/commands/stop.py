@@ -1,8 +1,8 @@
 """The command `stop`."""
 
+from pushfric_core.cell.node_settings import NAMESPACE
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import NamespaceOption
-from pushfric_ros.graph.graph import COMMAND_LINE, NAMESPACE, enclave
 from pushfric_ros.node_kit.stop_button import press
 
 app = Application()
@@ -19,6 +19,6 @@ def stop(namespace: NamespaceOption = NAMESPACE) -> None:
     from pushfric_ros.node_kit.network import stays_on_this_machine
     from pushfric_ros.node_kit.person import Person  # imported late: the graph is for the cells of other machines
 
-    with Person(namespace, enclave(namespace, COMMAND_LINE)) as person:
+    with Person(namespace) as person:
         person.say_stop(HERE if stays_on_this_machine() else None)
         print(person.call("actuator/stop"))

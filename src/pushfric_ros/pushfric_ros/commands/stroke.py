@@ -12,7 +12,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.vision.camera import Image
 from pushfric_core.vision.frame_source import Frames
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.graph.graph import COMMAND_LINE, enclave, pusher_alone
+from pushfric_ros.graph.graph import pusher_alone
 from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.person import NoAnswer, Person
@@ -67,7 +67,7 @@ def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[tup
     """A person at the cell's actuator, which is ready and is watched whenever they wait; and where the pusher rests [m]."""
     with (
         Supervisor(pusher_alone(cell), cell.namespace, say) as supervisor,
-        Person(cell.namespace, enclave(cell.namespace, COMMAND_LINE)) as person,
+        Person(cell.namespace) as person,
     ):
 
         def watch(_: PusherState) -> None:

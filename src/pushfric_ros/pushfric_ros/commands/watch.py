@@ -28,10 +28,10 @@ from pushfric_core.geometry.table_1 import TableObject
 from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.recorded_run import disagreements, pushes_of, write_result
-from pushfric_ros.graph.graph import COMMAND_LINE, VIEW, NodeSpec, enclave
+from pushfric_ros.graph.graph import VIEW, NodeSpec
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.node_kit.stop_button import press
-from pushfric_ros.node_kit.visit import Visit
+from pushfric_ros.node_kit.visit import COMMAND_LINE, Visit, enclave
 from pushfric_ros.nodes.monitor import MonitorNode
 
 PROGRESS_TIMEOUT = 10.0

@@ -31,9 +31,6 @@ CLOCK = "/clock"
 VIEW = "view"
 """The node that shows a run to browsers."""
 
-COMMAND_LINE = "command_line"
-"""Last part of the enclave of the commands that watch, stop and reset a running cell."""
-
 LEAST_TIMEOUT = 10.0
 """Least time after which a simulated object counts as lost, and a node or the controller as silent, in wall time [s]."""
 
@@ -334,8 +331,3 @@ def with_own_clock(specs: Sequence[NodeSpec], namespace: str) -> list[NodeSpec]:
     if namespace == NAMESPACE:
         return list(specs)
     return [replace(spec, remappings={CLOCK: f"{namespace}{CLOCK}", **spec.remappings}) for spec in specs]
-
-
-def enclave(namespace: str, name: str) -> str:
-    """Where SROS 2 finds the keys and permissions of a node, if it is switched on."""
-    return f"{namespace}/{name}"

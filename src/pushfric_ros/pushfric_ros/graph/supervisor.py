@@ -16,9 +16,10 @@ from ament_index_python.packages import get_package_prefix
 
 from pushfric_ros.graph import fork_server
 from pushfric_ros.graph.fork_server import NodeProcess, ServerGone
-from pushfric_ros.graph.graph import PACKAGE, NodeSpec, enclave
+from pushfric_ros.graph.graph import PACKAGE, NodeSpec
 from pushfric_ros.graph.scratch import scratch_folder
 from pushfric_ros.node_kit.lock import lock
+from pushfric_ros.node_kit.visit import enclave
 
 ENDING = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 """The signals that end a process, and how long to wait after each [s]; SIGINT would print a traceback."""

@@ -19,11 +19,10 @@ from unique_identifier_msgs.msg import UUID
 from pushfric_core.errors import PushfricError
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.messages.conversions import MODE_NAMES
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.lock import who_runs
 from pushfric_ros.node_kit.qos import RELIABLE
-from pushfric_ros.node_kit.visit import SERVING_NOTHING, Visit
+from pushfric_ros.node_kit.visit import COMMAND_LINE, SERVING_NOTHING, Visit, enclave
 
 ANSWER_TIMEOUT = 5.0
 """How long the actuator may take to answer [s]."""
@@ -34,6 +33,8 @@ class NoAnswer(PushfricError):
 
 
 def line(state: PusherState) -> str:
+    from pushfric_ros.messages.conversions import MODE_NAMES  # takes longer to load than all that a stop needs
+
     push = "" if state.push_id == PusherState.NO_PUSH else f", push {state.push_id}"
     doubt = " (in doubt" + (f", reported {state.age:.1f} s ago)" if state.age else ")") if state.in_doubt else ""
     place = f"{state.position * 1e3:.3f} mm{doubt}"
@@ -43,8 +44,9 @@ def line(state: PusherState) -> str:
 class Person(contextlib.AbstractContextManager["Person"]):
     """The person's own node, for as long as one command takes."""
 
-    def __init__(self, namespace: str, enclave: str) -> None:
-        self._visit = Visit(partial(Node, f"person_{os.getpid()}", namespace=namespace, **SERVING_NOTHING), enclave)
+    def __init__(self, namespace: str) -> None:
+        make = partial(Node, f"person_{os.getpid()}", namespace=namespace, **SERVING_NOTHING)
+        self._visit = Visit(make, enclave(namespace, COMMAND_LINE))
         self._node = self._visit.node
         self._states: list[PusherState] = []
         self._health: list[Any] = []

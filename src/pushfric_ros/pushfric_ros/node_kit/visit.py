@@ -15,6 +15,9 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from pushfric_ros.node_kit.interruption import held_back
 from pushfric_ros.node_kit.network import configured
 
+COMMAND_LINE = "command_line"
+"""Last part of the enclave of the commands that watch, stop and reset a running cell."""
+
 AnyNode = TypeVar("AnyNode", bound=Node)
 
 SERVING_NOTHING: dict[str, Any] = {
@@ -67,6 +70,11 @@ class Visit(Generic[AnyNode]):
 
     def __exit__(self, *_: Any) -> None:
         self.close()
+
+
+def enclave(namespace: str, name: str) -> str:
+    """Where SROS 2 finds the keys and permissions of a node, if it is switched on."""
+    return f"{namespace}/{name}"
 
 
 def visit(name: str, namespace: str = "") -> Visit[Node]:

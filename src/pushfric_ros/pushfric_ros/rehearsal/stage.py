@@ -21,7 +21,7 @@ from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.graph.fork_server import die_with_parent
-from pushfric_ros.graph.graph import COMMAND_LINE, NodeSpec, enclave
+from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.person import NoAnswer, Person
 from pushfric_ros.node_kit.qos import RELIABLE
@@ -110,7 +110,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self._look()
             self._check()
             leaving.callback(self._end_processes)
-            self.person = leaving.enter_context(Person(self.namespace, enclave(self.namespace, COMMAND_LINE)))
+            self.person = leaving.enter_context(Person(self.namespace))
             leaving.enter_context(self.person.hearing(PusherState, "pusher_state", RELIABLE, self._on_state))
             self._leaving = leaving.pop_all()
         return self
