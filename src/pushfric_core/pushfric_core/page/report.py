@@ -157,7 +157,7 @@ def _small(jpeg: bytes) -> bytes:
     smaller = io.BytesIO()
     try:
         Image.open(io.BytesIO(jpeg)).save(smaller, "JPEG", quality=JPEG_QUALITY)
-    except OSError:
+    except (OSError, ValueError, Image.DecompressionBombError):
         return jpeg
     return min(smaller.getvalue(), jpeg, key=len)
 
