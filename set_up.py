@@ -76,7 +76,7 @@ import importlib, pkgutil
 import pushfric_ros.nodes
 for module in pkgutil.iter_modules(pushfric_ros.nodes.__path__, "pushfric_ros.nodes."):
     importlib.import_module(module.name)
-import pushfric_ros.commands.demo, pushfric_core.commands.estimate, pushfric_core.report.figures, scipy.special
+import pushfric_ros.commands.demo, pushfric_core.commands.estimate, pushfric_core.page.figure, scipy.special
 from pushfric_ros.graph.fork_server import PRELOADED, preload
 preload(PRELOADED)
 """

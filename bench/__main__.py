@@ -34,7 +34,7 @@ from bench.program import start
 from pushfric_core.commands.application import Application, PlainCommand
 from pushfric_core.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
 from pushfric_core.commands.options import RUNS
-from pushfric_core.report.figures import check_image_name
+from pushfric_core.files.figure_file import check_image_name
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000
 QUICK_POINTS, QUICK_SUPPORTS, QUICK_UPDATES, QUICK_BUDGET, QUICK_HELD = (50, 100, 1000), (24,), 40, 1.0, 1000

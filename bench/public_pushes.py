@@ -37,6 +37,7 @@ from pushfric_core import (
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.estimation.picture import draw_support_friction
 from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.figure_file import save_figure
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.contact import tangent
@@ -57,7 +58,6 @@ from pushfric_core.geometry.planar import (
 from pushfric_core.mechanics.prediction import ELLIPSE, ELLIPSOID, FrictionModel
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.mechanics.strokes import STEP, Strokes, predict_strokes
-from pushfric_core.report.figures import save
 
 FEW, DRAWS = 10, 6
 """Number of strokes, and of random choices of so many."""
@@ -482,7 +482,7 @@ def draw_errors(rows: Sequence[Figures], path: pathlib.Path) -> None:
     axes.set(xlabel="mean error of strokes that were not fitted, position and angle [mm]", xlim=(0, None))
     axes.grid(alpha=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
-    save(figure, path, dpi=100)
+    save_figure(figure, path, dpi=100)
 
 
 def gallery(sets: Sequence[PublicSet], estimates: Sequence[tuple[Estimate, FrictionModel]], path: pathlib.Path) -> None:
@@ -502,4 +502,4 @@ def gallery(sets: Sequence[PublicSet], estimates: Sequence[tuple[Estimate, Frict
         axes.set_title(one.name.replace("__", "\n"), fontsize=8)
     for axes in places:
         axes.axis("off")
-    save(figure, path, dpi=100)
+    save_figure(figure, path, dpi=100)

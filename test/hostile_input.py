@@ -54,15 +54,15 @@ from pushfric_core.files.pushes_file import read_edge_pushes, read_point_pushes
 from pushfric_core.files.yaml_edit import with_values
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
-from pushfric_core.offline.table import write_table
-from pushfric_core.pages.clicked_points import ClickedPoints
-from pushfric_core.pages.drawn_object import DrawnObject
+from pushfric_core.offline.summary import write_table
+from pushfric_core.page.clicked_points import ClickedPoints
+from pushfric_core.page.drawn_object import DrawnObject
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import parse_status
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import PusherError
 from pushfric_core.pushers.serial_settings import SerialSettings
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, Lens, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.table_calibration import read_table_points

@@ -27,6 +27,7 @@ OF_KEYS = {
     "apsw": "python3-rosbags-pip",
     "mcap": "mcap-ros2-support",
     "opencv-python-headless": "python3-opencv",
+    "pillow": "python3-pil",
     "pyserial": "python3-serial",
     "pyyaml": "python3-yaml",
     "rosbags": "python3-rosbags-pip",

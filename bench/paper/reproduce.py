@@ -11,14 +11,14 @@ from rich.progress import track
 from bench.paper.claims import CLOSE, CLOSE_MU, Claim, agrees, claims
 from bench.paper.experiments import rods, run_seed
 from bench.paper.figures import figures
+from bench.paper.page import INFEASIBLE, NONE, Cell, Table, number, page
 from bench.paper.pushes import CONDUCT
 from bench.paper.tables import Nested, Path, leaves, tables
 from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.offline.workers import results
-from pushfric_core.report.page import INFEASIBLE, NONE, Cell, Table, number, page
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 
 COUNTS = ("data_points", "bad_data_points", "nonzero_weights")
 """Leaves of tables.json that are whole numbers."""
@@ -45,7 +45,6 @@ def reproduce(
         write_whole(out / "figures" / name, content)
     report = out / "report.html"
     content = page(
-        __package__,
         "report.html.j2",
         seeds=seeds,
         verdicts=[_card(claim) for claim in claimed],

@@ -82,10 +82,9 @@ setup(
     cmdclass={"build_ext": BuildExtensions},
     package_data={
         "pushfric_core": ["py.typed"],
-        "": ["*.pxd", "*.html.j2"],
+        "": ["*.pxd"],
         "pushfric_core.bags": ["msg/*.msg"],
-        "pushfric_core.pages": ["page/*"],
-        "pushfric_core.report": ["run/*"],
+        "pushfric_core.page": ["run/*", "work/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/pushfric_core"]),

@@ -415,7 +415,8 @@ def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
     view = ros.compose(ViewNode(namespace="/laid", parameter_overrides=overrides({"object": OBJECT})))
     with visit(browser, view.url) as page:
         place, map_ = page.locator("#place"), page.locator("#map")
-        expect(place).to_contain_text("50 mm, turn ↺ 29° to go; drag it")
+        expect(place).to_contain_text("50 mm, turn ↺ 29° to go")
+        expect(page.locator("#hand")).to_contain_text("Drag the object")
 
         def middle(of: str) -> tuple[float, float]:
             """Where something is on the screen."""

@@ -20,7 +20,6 @@ from documents import blocks, has_the_form, shown
 from rosbags.highlevel import AnyReader
 
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.report.report import truth
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -63,7 +62,7 @@ def test_the_demo_finds_the_truth(demo):
 def test_the_demo_reports_every_push_and_draws_its_figure(demo):
     bag, result, run = demo
     assert set(result) == KEYS | {"truth", "bag"}
-    assert (result["truth"], result["bag"]) == (truth("rubber_rect4"), str(bag))
+    assert (result["truth"], result["bag"]) == (TABLE_1["rubber_rect4"].to_dict(), str(bag))
     pushes = [line for line in run.stderr.splitlines() if line.startswith("push")]
     assert len(pushes) == 14
     assert re.search(r"p_CF \( *\S+, +\S+\) mm  mu_c 90 % \d\.\d\d, 100 % \d\.\d\d  fit error", pushes[0])
@@ -205,7 +204,7 @@ def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(running, node)
     why = f"{node} was killed by SIGKILL"
     assert f"error: {why}" in running.output
     assert running.nodes_alive() == {}
-    assert f'<p class="doubt">✗ {why}' in (running.bag / "report.html").read_text()
+    assert why in (running.bag / "report.html").read_text()
     assert f"# in doubt: {why}" in (running.bag / "model.yaml").read_text()
     assert (running.bag / "figure.png").exists()
 

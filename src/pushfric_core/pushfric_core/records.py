@@ -1,7 +1,9 @@
-"""Records, which are frozen dataclasses or named tuples: equality where they hold arrays, their fields, and plain values."""
+"""Records, which are frozen dataclasses or named tuples: equality where they hold arrays, their fields, plain values, JSON."""
 
 import dataclasses
 import functools
+import json
+import math
 from collections.abc import Iterable
 from enum import Enum
 from typing import Any, NamedTuple, TypeVar, get_type_hints
@@ -66,6 +68,21 @@ def plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [plain(part) for part in value]
     return value.value if isinstance(value, Enum) else value
+
+
+def to_json(value: Any) -> str:
+    """JSON on one line, of dicts, lists and arrays; infinite numbers and NaN become the strings "inf", "-inf" and "nan"."""
+    return json.dumps(_finite(value), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_finite(part) for part in value]
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else str(float(value))
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def comparable(record: type[Record]) -> type[Record]:

@@ -14,13 +14,13 @@ from scipy.optimize import linprog
 from bench.paper import reproduce
 from bench.paper.claims import agrees, claims
 from bench.paper.experiments import rods
+from bench.paper.page import NONE, number
 from bench.paper.pushes import SLIPPING, motions, plan, watch
 from bench.paper.reproduce import cells, table
 from bench.paper.tables import PUBLISHED, leaves, spread, tables
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.offline import workers
-from pushfric_core.report.page import NONE, number
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,6 @@ from pushfric_core.files.observation_file import REQUIRED
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.geometry.support import friction_directions
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.report.ledger import account
-from pushfric_core.report.report import truth
 from pushfric_core.trajectories.ledger import POSES, USED, DoubtCode, Ledger
 from pushfric_ros.commands import doctor
 from pushfric_ros.commands.doctor import Check, Grade
@@ -63,7 +61,7 @@ def test_the_keys_of_an_estimate_are_documented(data):
     options = ("--terms", "moment,force", "--slipping-push", 1, "--samples")
     found = figures("estimate", data, "--object", NAME, *options)
     # demo adds these
-    found |= {"truth": truth(NAME), "bag": "runs/demo"}
+    found |= {"truth": TABLE_1[NAME].to_dict(), "bag": "runs/demo"}
     assert sorted(keys_of(found)) == sorted(documented("`estimate`, `replay` and `demo`"))
 
 
@@ -72,7 +70,7 @@ def test_the_keys_of_a_ledger_are_documented():
     ledger.accounts[POSES].enter(USED)
     for code in DoubtCode:
         ledger.doubt(code, "a push is missing")
-    keys = {key.split(".")[0] if key.startswith("accounts") else key for key in keys_of(account(ledger))}
+    keys = {key.split(".")[0] if key.startswith("accounts") else key for key in keys_of(ledger.to_dict())}
     assert keys == set(documented("`estimate --ledger`, under the key `ledger`, or `--ledger FILE.json`"))
     assert [code for code in DoubtCode if f"`{code}`" not in TEXT] == []
 

@@ -37,7 +37,7 @@ from pushfric_core.files.observation_file import OPTIONAL, REQUIRED, read_observ
 from pushfric_core.files.pushes_file import MOVED, TURNED, EdgePushes, PointPushes
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.surface_models import surface_samples
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, FrictionModel, Observation, Recognition
 from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg, report_from_msg

@@ -178,7 +178,7 @@ def test_pose_pusher_and_the_cells_own_nodes_are_shown(cell):
     cell.health.publish(DiagnosticArray(status=statuses))
     visitor.until(lambda: {"pose", "pusher", "node/tracker"} <= set(visitor.story))
     assert visitor.story["pose"] == [0.1, 0.0, 0.0]
-    assert (visitor.story["pusher"]["mode"], visitor.story["pusher"]["push"]) == ("running", None)
+    assert (visitor.story["pusher"]["mode"], visitor.story["pusher"]["position"]) == ("running", 0.02)
     assert visitor.story["node/tracker"] == {"level": "error", "message": "no frames", "values": {"frames/s": "14.0"}}
     assert not any(name.endswith("/b") for name in visitor.story)
     visitor.close()

@@ -203,6 +203,14 @@ class RecorderConfig:
         return [_known_topic(text) for text in self.topics if text]
 
 
+SWITCHES = {
+    "lamp": ("the lamp is on", "the lamp is off"),
+    "unplug": ("the camera is plugged in", "the camera is unplugged"),
+    "emergency_stop": ("the emergency stop is released", "the emergency stop is pressed"),
+}
+"""The switches that a person at a simulated cell can turn over: what each says at first, and then."""
+
+
 REPORT_FILE = "report.html"
 """File in a bag's folder: the result of the run, as a page."""
 

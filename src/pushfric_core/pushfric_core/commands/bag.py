@@ -15,9 +15,9 @@ from pushfric_core.bags.recovery import recover as recovered
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.result import ledger_table
 from pushfric_core.errors import InvalidInput
-from pushfric_core.report.ledger import account, table
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 from pushfric_core.trajectories.ledger import Doubt, DoubtCode, Ledger
 from pushfric_core.wording import counted
 
@@ -57,7 +57,7 @@ def info(bag: BagArgument, json: JsonOption = None) -> None:
         for line in _contents(checked.bag):
             _show(line)
         for ledger in checked.ledgers.values():
-            _show(table(ledger))
+            _show(ledger_table(ledger))
     _end(checked, json)
 
 
@@ -127,7 +127,7 @@ def _condition(checked: CheckedBag) -> dict[str, Any]:
         "notes": list(bag.notes),
         "doubts": [one._asdict() for one in checked.doubts],
         "remarks": [one._asdict() for one in checked.remarks],
-        "ledgers": {cell: account(ledger) for cell, ledger in checked.ledgers.items()},
+        "ledgers": {cell: ledger.to_dict() for cell, ledger in checked.ledgers.items()},
     }
 
 

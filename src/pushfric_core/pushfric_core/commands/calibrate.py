@@ -25,13 +25,14 @@ from pushfric_core.files.object_file import load_object
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.files.yaml_edit import Value, with_values
 from pushfric_core.pushers.pusher import PusherConfig
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 from pushfric_core.vision.board import Board
 from pushfric_core.vision.camera import Camera, Image, check_size, load_camera, load_lens, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.lens_calibration import lens_from_frames
 from pushfric_core.vision.table_calibration import (
+    ErrorMap,
     calibrate_table,
     read_table_places,
     read_table_points,
@@ -147,7 +148,7 @@ def table(
     --view, the points that are clicked give it.
     """
     if figure is not None:
-        from pushfric_core.report.figures import check_image_name, table_error_figure  # imported late: it takes a second
+        from pushfric_core.files.figure_file import check_image_name  # imported late: it takes a second
 
         check_image_name(figure)
     known = load_lens(camera)
@@ -157,8 +158,8 @@ def table(
     with telling_what_is_left(lambda: f"no calibration of the table was written to {camera}"):
         if shown is not None:
             places = [] if marks is None else read_table_places(marks).tolist()
-            from pushfric_core.pages.clicked_points import ClickedPoints  # imported late: only this needs tornado
-            from pushfric_core.pages.picture_server import work_in_a_browser
+            from pushfric_core.page.clicked_points import ClickedPoints  # imported late: only this needs tornado
+            from pushfric_core.page.work_page import work_in_a_browser
 
             clicked = ClickedPoints(known, camera, places)
             frames = frames_from(source, namespace, (known.width, known.height))
@@ -181,7 +182,29 @@ def table(
         f" {1e3 * found.map.errors.max():.3f} mm at worst",
     )
     if figure is not None:
-        table_error_figure(figure, found.map.places, found.map.errors)
+        _draw_errors(figure, found.map)
+
+
+def _draw_errors(path: pathlib.Path, found: ErrorMap) -> None:
+    """A map of the errors that the camera's calibration makes in places on the table."""
+    # imported late: it takes a second
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    from pushfric_core.estimation.picture import MILLIMETRE, STYLE
+    from pushfric_core.files.figure_file import save_figure
+
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+        axes = figure.subplots()
+        x, y = np.moveaxis(MILLIMETRE * found.places, -1, 0)
+        shown = axes.contourf(x, y, MILLIMETRE * found.errors, levels=8, cmap="viridis")
+        axes.plot(0, 0, "+", color="white", ms=10)
+        axes.annotate("origin", (0, 0), (4, 4), textcoords="offset points", color="white")
+        axes.set(title="Error of a place on the table, 1 sigma", xlabel="x [mm]", ylabel="y [mm]")
+        axes.set_aspect("equal")
+        figure.colorbar(shown, label="mm")
+        save_figure(figure, path)
 
 
 def _board(columns: int, rows: int, square: float) -> Board:

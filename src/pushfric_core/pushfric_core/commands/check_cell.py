@@ -12,7 +12,7 @@ from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import warn
 from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
 from pushfric_core.offline.known_loads import check_loads
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 
 app = Application()
 

@@ -19,11 +19,11 @@ PACKAGES = ("pushfric_core", "pushfric_ros")
 MODULES = {
     "colcon-core": "colcon_core",
     "import-linter": "importlinter",
-    "Jinja2": "jinja2",
     "opencv-python-headless": "cv2",
     "pyserial": "serial",
     "pytest-timeout": "pytest_timeout",
     "PyYAML": "yaml",
+    "pillow": "PIL",
 }
 """Packages whose module has another name than the package."""
 

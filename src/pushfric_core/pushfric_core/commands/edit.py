@@ -61,8 +61,8 @@ def edit(
         raise InvalidInput("--camera says where a picture was taken: give --picture as well")
     if file.suffix not in (".yaml", ".yml") or not file.parent.is_dir():
         raise InvalidInput(f"{file}: expected a YAML file in a folder that exists")
-    from pushfric_core.pages.drawn_object import DrawnObject  # imported late: only this needs OpenCV and tornado
-    from pushfric_core.pages.picture_server import work_in_a_browser
+    from pushfric_core.page.drawn_object import DrawnObject  # imported late: only this needs OpenCV and tornado
+    from pushfric_core.page.work_page import work_in_a_browser
 
     known = None if camera is None else load_camera(camera)
     drawn = DrawnObject(file, known, width, height)

@@ -19,14 +19,13 @@ from pushfric_core.commands.options import (
     PartialFlag,
     SupportPointsOption,
 )
-from pushfric_core.commands.result import print_ledger, print_result
+from pushfric_core.commands.result import ledger_table, print_result
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.model_file import check_name, save_model
 from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.estimation import Choices, estimate_from
-from pushfric_core.report.ledger import account
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 
 
 def estimate(
@@ -93,7 +92,8 @@ def _one(
         check_name(save)
     if figure is not None:
         # imported late: loading matplotlib takes longer than estimating most bags
-        from pushfric_core.report.figures import check_image_name, summary_figure
+        from pushfric_core.files.figure_file import check_image_name
+        from pushfric_core.page.report import draw
 
         check_image_name(figure)
     estimation = estimate_from(source, choices, warn, whole_course=figure is not None)
@@ -101,8 +101,7 @@ def _one(
     for reason in estimation.verdict.reasons:
         warn(reason.text)
     if figure is not None:
-        slipping = estimation.settings.slipping
-        summary_figure(figure, estimation.model.outline, estimation.course, estimation.estimator.observations, None, slipping)
+        draw(estimation, figure)
     if save is not None:
         if result.contradiction is not None:
             raise InvalidInput(f"{save}: not written: {result.contradiction}")
@@ -111,11 +110,11 @@ def _one(
     if samples:
         figures["belief"]["samples"] = [] if result.belief is None else result.belief.samples
     if ledger is not None:
-        figures["ledger"] = account(estimation.ledger)
+        figures["ledger"] = estimation.ledger.to_dict()
     if ledger == STDOUT:
-        print_ledger(estimation.ledger)
+        console.print(ledger_table(estimation.ledger))
     else:
-        write_json(to_json(account(estimation.ledger)), ledger)
+        write_json(to_json(estimation.ledger.to_dict()), ledger)
     print_result(figures, json, estimation.settings.estimator.loss)
     return estimation.verdict.use and (choices.partial or not estimation.ledger.doubts)
 
@@ -127,8 +126,7 @@ def _many(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     from pushfric_core.offline.many import Line, estimate_many, inputs_of
-    from pushfric_core.offline.summary import counts, mark_outliers, write_summary
-    from pushfric_core.offline.table import write_table
+    from pushfric_core.offline.summary import counts, mark_outliers, write_summary, write_table
 
     if pathlib.Path(choices.object_name).is_file():
         choices = dataclasses.replace(choices, object_name=str(pathlib.Path(choices.object_name).absolute()))

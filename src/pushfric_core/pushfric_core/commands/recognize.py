@@ -20,7 +20,6 @@ from pushfric_core.estimation.recognition import Recognizer
 from pushfric_core.files.model_file import library
 from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.inputs import object_of, with_support
-from pushfric_core.report.report import recognition_report
 
 
 def recognize(
@@ -52,7 +51,9 @@ def recognize(
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             warn(f"{ranked.name}: {ranked.contradiction}")
-    figures = recognition_report(ranking)
+    names = ("name", "fit_error", "ratio", "feasible")
+    found = [{name: getattr(hypothesis, name) for name in names} for hypothesis in ranking.hypotheses]
+    figures = {"best": ranking.best, "hypotheses": found}
     answer(figures, json, _lines(figures))
     if reading.ledger.doubts and not partial:
         sys.exit(1)

@@ -24,10 +24,10 @@ def report(
     namespace: CellOption = None,
 ) -> None:
     """Exit code 1: the page says not to use the estimate, or the bag does not add up."""
-    from pushfric_core.offline.run_page import run_page  # imported late: it draws
+    from pushfric_core.page.report import report as page_of  # imported late: it draws
 
     estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
-    write_whole(html, run_page(estimation, html, namespace))
+    write_whole(html, page_of(estimation, html, namespace))
     say(f"wrote {html}")
     if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
         sys.exit(1)

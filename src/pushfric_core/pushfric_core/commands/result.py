@@ -3,11 +3,11 @@
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from pushfric_core.commands.console import console
+from rich.table import Table
+
 from pushfric_core.commands.json_option import STDOUT, write_json
 from pushfric_core.estimation.estimate_report import center_line, contact_friction_line
-from pushfric_core.report.ledger import table
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 from pushfric_core.solvers.program import Loss
 from pushfric_core.trajectories.ledger import Ledger
 from pushfric_core.wording import data_of
@@ -54,6 +54,11 @@ def _lines(figures: dict[str, Any], loss: Loss) -> Iterator[str]:
         yield f"       push {one['push']} is left out: {one['reason']['text']}"
 
 
-def print_ledger(ledger: Ledger) -> None:
-    """Print what became of every message, on stderr."""
-    console.print(table(ledger))
+def ledger_table(ledger: Ledger) -> Table:
+    """The account of every message: a line for each reason, a column for each kind."""
+    shown = Table("", box=None, pad_edge=False, header_style="bold")
+    for kind in ledger.sums():
+        shown.add_column(kind, justify="right")
+    for row in ledger.rows():
+        shown.add_row(*row)
+    return shown

@@ -12,8 +12,8 @@ from pushfric_core.cell.node_settings import REPORT_FILE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import CellOption, Input, ObjectOption, PartialFlag
-from pushfric_core.pages.run_server import Answer, Server
-from pushfric_core.report.story import Change
+from pushfric_core.page.run_server import Server
+from pushfric_core.page.story import Change, Told
 
 BETWEEN = 0.5
 """Time between two changes of the page while the run is read [s]."""
@@ -32,36 +32,34 @@ def view(
     """Needs no node graph. Ctrl-C ends it; other machines can be given the file that report writes."""
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder) / REPORT_FILE
-        over = Answer(False, "the run is over")
+        over = {"done": False, "message": "the run is over"}
         server = Server(ViewConfig(port=port), lambda request: request.answer(over), lambda looking: None, report)
         try:
             say(f"view: {server.url} (Ctrl-C ends it)")
             server.show({"recorded": True, "reading": f"Reading {source} …"})
             from pushfric_core.files.object_file import ObjectModel  # imported late: a page is shown before
             from pushfric_core.offline.estimation import Choices, estimate_from
-            from pushfric_core.offline.run_page import beginning, run_page
+            from pushfric_core.page.report import beginning, in_one_file, told_again
             from pushfric_core.trajectories.observation import Observation
-
-            waiting, seen, shown_at = Change(), 0, time.monotonic()
 
             def begin(model: ObjectModel, data: list[Observation]) -> None:
                 """Show what was observed, before anything is estimated."""
-                story, told = beginning(model, data)
+                story, change = beginning(model, data)
                 for observation in data:
-                    told |= story.on_observation(observation)
-                server.show(told | {"reading": f"Estimating from {source} …"})
-
-            def show(change: Change, jpeg: bytes) -> None:
-                nonlocal waiting, seen, shown_at
-                waiting |= change
-                seen += "estimate" in change
-                if jpeg or time.monotonic() - shown_at > BETWEEN:
-                    server.show(waiting | {"reading": f"Estimating from {source} again: {seen} observations so far"}, jpeg)
-                    waiting, shown_at = Change(), time.monotonic()
+                    change |= story.on_observation(observation)
+                server.show(change | {"reading": f"Estimating from {source} …"})
 
             choices = Choices(object_name, partial=partial, namespace=namespace)
             estimation = estimate_from(source, choices, warn, whole_course=True, on_data=begin)
-            report.write_text(run_page(estimation, namespace=namespace, show=show), encoding="utf-8")
+            told, waiting, seen, shown_at = Told(), Change(), 0, time.monotonic()
+            for change, jpeg in told_again(estimation, namespace):
+                told.take(change, jpeg)
+                waiting |= change
+                seen += any(key.startswith("moment/") for key in change)
+                if jpeg or time.monotonic() - shown_at > BETWEEN:
+                    server.show(waiting | {"reading": f"Estimating from {source} again: {seen} observations so far"}, jpeg)
+                    waiting, shown_at = Change(), time.monotonic()
+            report.write_text(in_one_file(told), encoding="utf-8")
             server.show(waiting | {"reading": None, "reported": True})
             threading.Event().wait()
         finally:

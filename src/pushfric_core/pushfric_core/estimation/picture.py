@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 MILLIMETRE = 1e3
 INK, GREY, ESTIMATE = "#222222", "#8c8c8c", "#0072b2"
-"""The meaning of each colour, here and in `report.figures`."""
+TRUTH, SLIPPING, OTHER, REACHED = "#d55e00", "#cc79a7", "#009e73", "#56b4e9"
+"""The meaning of each colour in all figures. OTHER marks what the estimate is compared with, REACHED what pushes reach. The
+colours are those of Okabe and Ito (Color Universal Design, 2008), which colour-blind readers tell apart."""
 
 STYLE = {
     "font.size": 9,

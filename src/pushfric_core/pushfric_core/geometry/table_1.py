@@ -1,7 +1,7 @@
 """The six objects of Table 1: their true values, the noise with which they are seen, and the hypotheses of the paper."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,6 +41,15 @@ class TableObject(NamedTuple):
     def support_points(self) -> Array:
         """Hypothesised support points (n, 2) [m]."""
         return self.outline.grid(*self.grid, self.inset)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The true values under the names of the command line's JSON; SI units, object frame."""
+        return {
+            "center_of_friction": self.support.center_of_friction.tolist(),
+            "support_points": self.support.points.tolist(),
+            "w": self.support.weights.tolist(),
+            "mu_c": self.mu_c,
+        }
 
 
 def _on_feet(

@@ -1,1 +1,1 @@
-"""Work on files, without a graph: estimates of one input or hundreds, the page of a run, images tracked again."""
+"""Work on files, without a graph: estimates of one input or hundreds, images tracked again, known loads."""

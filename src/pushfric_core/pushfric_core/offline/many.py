@@ -20,7 +20,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.model_file import save_model
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.offline.workers import results
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 
 RESULTS, MODELS = "results.jsonl", "models"
 """Names in the folder of the results."""

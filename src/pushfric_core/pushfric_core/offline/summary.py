@@ -1,19 +1,32 @@
-"""The summary of many estimates: a Markdown page of outliers, unusable estimates and broken inputs."""
+"""Many estimates as one table, and their summary: a Markdown page of outliers, unusable estimates and broken inputs."""
 
+import csv
 import pathlib
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.figure import Figure
 
+from pushfric_core.estimation.picture import ESTIMATE, INK, MILLIMETRE, STYLE, TRUTH
+from pushfric_core.files.figure_file import save_figure
 from pushfric_core.offline.many import Line, objections
 from pushfric_core.offline.outliers import FEWEST, differing
-from pushfric_core.offline.table import believed_center
-from pushfric_core.report.figures import Centers, centers_figure
 
-PAGE, FIGURE = "report.md", "centers.svg"
+TABLE, PAGE, FIGURE = "table.csv", "report.md", "centers.svg"
 """Names in the folder of the results."""
+
+PANELS = 12
+"""Largest number of objects whose centres are drawn in one figure."""
+
+COLUMNS = (
+    "input", "object", "status", "use", "error", "reasons", "p_cf_x", "p_cf_y", "var_x", "var_y", "cov_xy",
+    "mu_c", "mu_c_low", "mu_c_high", "mu_c_kind", "mu_c_p90", "mu_c_max", "total_friction", "objective", "gap",
+    "data_points", "pushes", "outlier", "warnings", "model",
+)  # fmt: skip
+"""Those of the table; SI units, object frame."""
 
 
 def mark_outliers(lines: Sequence[Line]) -> list[Line]:
@@ -51,6 +64,34 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
     return {"inputs": len(lines), "outliers": outliers} | states
 
 
+def believed_center(line: Line) -> list[float]:
+    """The belief's p_CF; that of the program if the pushes do not show how far it is off."""
+    known: list[float] = line["belief"].get("center_of_friction", line["center_of_friction"])
+    return known
+
+
+def write_table(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
+    """Write the table of many estimates; return the file."""
+    with (folder / TABLE).open("w", newline="", encoding="utf-8") as stream:
+        table = csv.DictWriter(stream, COLUMNS)
+        table.writeheader()
+        table.writerows(map(_table_row, lines))
+    return folder / TABLE
+
+
+def _table_row(line: Line) -> Line:
+    row = {name: line[name] for name in COLUMNS if name in line}
+    row |= {"outlier": "; ".join(line.get("differs", ())), "warnings": len(line["warnings"])}
+    if "belief" in line:
+        row["use"], row["reasons"] = not objections(line), " ".join(one["code"] for one in objections(line))
+        row["p_cf_x"], row["p_cf_y"] = believed_center(line)
+        mu_c, bounds, unknown = line["belief"].get("mu_c", {}), line["mu_c"], (None, None)
+        (row["var_x"], row["cov_xy"]), (_, row["var_y"]) = line["belief"].get("covariance", (unknown, unknown))
+        row["mu_c"], (row["mu_c_low"], row["mu_c_high"]) = mu_c.get("value"), mu_c.get("interval", unknown)
+        row |= {"mu_c_kind": mu_c.get("kind"), "mu_c_p90": bounds["p90"], "mu_c_max": bounds["max"]}
+    return row
+
+
 def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
     """Write the page and its figure; return the path of the page.
 
@@ -68,8 +109,7 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
         "",
     ]
     if groups:
-        centers = [_centers(name, group) for name, group in groups.items()]
-        centers_figure(folder / FIGURE, centers)
+        _draw_centers(folder / FIGURE, groups)
         text += [
             "| object | estimates | p_CF x [mm] | p_CF y [mm] | half lie within [mm] | mu_c | outliers |",
             "|---|---|---|---|---|---|---|",
@@ -93,12 +133,31 @@ def write_summary(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
     return page
 
 
-def _centers(name: str, group: Sequence[Line]) -> Centers:
-    return Centers(
-        name,
-        np.array([believed_center(line) for line in group]),
-        [pathlib.Path(line["input"]).name if "differs" in line else "" for line in group],
-    )
+def _draw_centers(path: pathlib.Path, objects: dict[str, list[Line]]) -> None:
+    """A panel for each of the first PANELS objects: p_CF of each input, and the names of those that differ."""
+    shown = list(objects.items())[:PANELS]
+    columns = min(len(shown), 3)
+    rows = -(-len(shown) // columns)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(4.2 * columns, 3.8 * rows), layout="constrained")
+        panels = figure.subplots(rows, columns, squeeze=False).ravel()
+        for axes, (name, lines) in zip(panels, shown, strict=False):
+            points = MILLIMETRE * np.array([believed_center(line) for line in lines])
+            differs = np.array(["differs" in line for line in lines])
+            axes.plot(*points[~differs].T, "o", ms=4, mfc="none", color=ESTIMATE, label="p_CF")
+            axes.plot(*points[differs].T, "x", ms=6, color=TRUTH, label="differs from the others")
+            for place, line in zip(points, lines, strict=True):
+                if "differs" in line:
+                    label = pathlib.Path(line["input"]).name
+                    axes.annotate(label, place, (4, 4), textcoords="offset points", fontsize=7, color=INK)
+            axes.set(title=f"{name}: {len(points)}", xlabel="x [mm]", ylabel="y [mm]")
+            axes.set_aspect("equal", "datalim")
+            axes.margins(0.15)
+        for axes in panels[len(shown) :]:
+            axes.axis("off")
+        if any("differs" in line for _, lines in shown for line in lines):
+            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        save_figure(figure, path)
 
 
 def _row(name: str, group: Sequence[Line]) -> str:

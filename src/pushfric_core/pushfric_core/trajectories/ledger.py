@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum, auto
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 POSES, STATES, WRENCHES, OBSERVATIONS, PUSHES = KINDS = ("poses", "pusher states", "wrenches", "observations", "pushes")
 """The kinds of messages that are accounted for."""
@@ -203,6 +203,17 @@ class Ledger:
     def sums(self) -> dict[str, dict[str, int]]:
         """By kind, for those of which any came, as `Account.sums`."""
         return {kind: account.sums() for kind, account in self.accounts.items() if account.received}
+
+    def rows(self) -> list[list[str]]:
+        """A line for each reason that occurs: its name, and the number of each kind, in the order of `sums`."""
+        sums = self.sums().values()
+        reasons = [reason for reason in ("received", *REASONS) if any(reason in account for account in sums)]
+        return [[reason, *(str(account.get(reason, "")) for account in sums)] for reason in reasons]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The accounts by kind, and what does not add up, as the command line's JSON has them."""
+        doubts, remarks = ([one._asdict() for one in noted] for noted in (self.doubts, self.remarks))
+        return {"accounts": self.sums(), "doubts": doubts, "remarks": remarks}
 
 
 def counted_of(number: int, total: int, kind: str) -> str:

@@ -26,7 +26,7 @@ from pushfric_core.files.plan_file import load_plan
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.pushers.serial_config import GrblConfig
-from pushfric_core.report.report import to_json, truth
+from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_core.wording import data_of
@@ -88,7 +88,7 @@ def demo(
         last, ended = run_demo(console, object_name, seed, bag, live, pushes, shown, planner, play)
     if last is not None:
         print_summary(console, object_name, last)
-        write_json(to_json({**report_from_msg(last).to_dict(), "truth": truth(object_name), "bag": str(bag)}), json)
+        write_json(to_json({**report_from_msg(last).to_dict(), "truth": TABLE_1[object_name].to_dict(), "bag": str(bag)}), json)
     print_result(console, bag)
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)

@@ -115,7 +115,7 @@ def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject |
     """
     from pushfric_core.bags.bag import DamagedBag  # not before the run has ended, as below
     from pushfric_core.offline.estimation import Choices, estimate_from
-    from pushfric_core.offline.run_page import draw, model_of, run_page
+    from pushfric_core.page.report import draw, model_of, report
 
     try:
         estimation = estimate_from(bag, Choices(), warn, whole_course=True)
@@ -124,7 +124,7 @@ def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject |
         doubts = [*doubts, str(damage)]
     for doubt in doubts:
         estimation.ledger.doubt(DoubtCode.RUN_FAILED, doubt)
-    write_whole(bag / REPORT_FILE, run_page(estimation, bag / REPORT_FILE))
+    write_whole(bag / REPORT_FILE, report(estimation, bag / REPORT_FILE))
     draw(estimation, bag / FIGURE_FILE, known)
     if model := model_of(estimation):
         write_whole(bag / MODEL_FILE, model)

@@ -19,7 +19,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.plausible import check_within
 from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.pushers.serial_settings import SerialSettings
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 from pushfric_core.settings import read
 from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS, Outcome, rehearse
 from pushfric_ros.rehearsal.grbl_stage import GrblStage

@@ -5,12 +5,11 @@ import os
 import time
 import uuid
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Empty
@@ -21,11 +20,9 @@ from pushfric_core.errors import PushfricError
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.heartbeat import Heartbeat
-from pushfric_ros.node_kit.interruption import held_back
 from pushfric_ros.node_kit.lock import who_runs
-from pushfric_ros.node_kit.network import configured
 from pushfric_ros.node_kit.qos import RELIABLE
-from pushfric_ros.node_kit.visit import COMMAND_LINE, SERVING_NOTHING, enclave
+from pushfric_ros.node_kit.visit import COMMAND_LINE, SERVING_NOTHING, Visit, enclave
 
 ANSWER_TIMEOUT = 5.0
 """How long the actuator may take to answer [s]."""
@@ -48,12 +45,9 @@ class Person(contextlib.AbstractContextManager["Person"]):
     """The person's own node, for as long as one command takes."""
 
     def __init__(self, namespace: str) -> None:
-        self._context = rclpy.Context()
-        with configured():
-            rclpy.init(context=self._context, args=["--ros-args", "--enclave", enclave(namespace, COMMAND_LINE)])
-            self._node = Node(f"person_{os.getpid()}", namespace=namespace, context=self._context, **SERVING_NOTHING)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
+        make = partial(Node, f"person_{os.getpid()}", namespace=namespace, **SERVING_NOTHING)
+        self._visit = Visit(make, enclave(namespace, COMMAND_LINE))
+        self._node = self._visit.node
         self._states: list[PusherState] = []
         self._health: list[Any] = []
         self._node.create_subscription(PusherState, "pusher_state", self._take, RELIABLE)
@@ -61,9 +55,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
         self._actuator = f"{self._node.get_namespace().rstrip('/')}/actuator"
 
     def __exit__(self, *_: object) -> None:
-        self._executor.shutdown()
-        self._node.destroy_node()
-        rclpy.try_shutdown(context=self._context)
+        self._visit.close()
 
     @contextlib.contextmanager
     def hearing(self, kind: type, topic: str, qos: Any, take: Callable[[Any], None]) -> Iterator[None]:
@@ -76,8 +68,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
 
     def spin(self, seconds: float) -> None:
         """Wait this long [s], and take the messages that come."""
-        with held_back():
-            self._executor.spin_once(timeout_sec=seconds)
+        self._visit.spin_once(seconds)
 
     def _take(self, state: PusherState) -> None:
         self._states = [state]

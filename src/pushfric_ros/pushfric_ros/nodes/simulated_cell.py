@@ -22,7 +22,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 
 from pushfric_core.bags.samples import pose_from_msg, pusher_sample_from_msg
-from pushfric_core.cell.node_settings import FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
+from pushfric_core.cell.node_settings import SWITCHES, FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_core.errors import SolverFailed
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.contact import pushing_line
@@ -62,13 +62,6 @@ LAG = 0.15
 
 REPORTS = 100
 """Number of the pusher's reports that are kept."""
-
-SWITCHES = {
-    "lamp": ("the lamp is on", "the lamp is off"),
-    "unplug": ("the camera is plugged in", "the camera is unplugged"),
-    "emergency_stop": ("the emergency stop is released", "the emergency stop is pressed"),
-}
-"""The switches that a person at the cell can turn over: what each says at first, and then."""
 
 
 @dataclass(frozen=True)

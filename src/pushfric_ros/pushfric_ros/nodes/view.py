@@ -1,11 +1,12 @@
 """The view node: shows a run to browsers, and passes on what their visitors ask for."""
 
+import math
 import pathlib
 from collections import deque
 from collections.abc import Callable
 from typing import Any, ClassVar
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
@@ -17,26 +18,34 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
-from pushfric_core.bags.samples import observation_from_msg, stamp_from_msg
-from pushfric_core.cell.node_settings import ObjectConfig, ShownConfig, ViewConfig
+from pushfric_core.bags.samples import observation_from_msg, pose_sample_from_msg, stamp_from_msg
+from pushfric_core.cell.node_settings import SWITCHES, ObjectConfig, ShownConfig, ViewConfig
 from pushfric_core.errors import PushfricError
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.object_file import load_object
-from pushfric_core.pages.run_server import AT_THE_CELL, Answer, Request, Server
-from pushfric_core.report.story import Change, Story
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.page.run_server import PUSH_SERVICES, SERVICES, Server
+from pushfric_core.page.server import Request
+from pushfric_core.page.story import Change, Story
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
-from pushfric_ros.messages.conversions import pose_to_msg, report_from_msg
+from pushfric_ros.messages.conversions import MODE_NAMES, pose_to_msg, report_from_msg
 from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import PATIENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_DATA
-from pushfric_ros.view import present
 
 UNSEEN_PERIOD = 1.0
 """Time between readings of the messages that came while nobody looked [s]."""
+
+LEVELS = {
+    DiagnosticStatus.OK: "ok",
+    DiagnosticStatus.WARN: "warning",
+    DiagnosticStatus.ERROR: "error",
+    DiagnosticStatus.STALE: "stale",
+}
 
 
 class ViewNode(Node):
@@ -61,7 +70,8 @@ class ViewNode(Node):
         self._wake = self.create_guard_condition(self._do_what_is_asked)
         shown = declare(self, ShownConfig)
         report = shown.report
-        self._server = Server(config, self._on_request, self._on_looking, pathlib.Path(report) if report else None)
+        told = self._here(self._carry_out), self._here(self._look)
+        self._server = Server(config, *told, pathlib.Path(report) if report else None)
         self._server.show(self._story.begin() | {"report": report, "played": shown.played})
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
@@ -70,14 +80,11 @@ class ViewNode(Node):
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
         self._hand_out = self.create_publisher(PoseStamped, "hand", RELIABLE)
         self._switch_out = self.create_publisher(String, "switch", RELIABLE)
-        triggers = {
-            "stop": "actuator/stop",
-            "reset": "actuator/reset",
-            **{what: f"experiment/{what}" for what in ("repeat", "skip", "end")},
+        self._services_of: dict[str, Client] = {
+            what: self.create_client(kind, name)
+            for kind, services in ((Trigger, SERVICES), (SelectPush, PUSH_SERVICES))
+            for what, name in services.items()
         }
-        self._services_of: dict[str, Client] = {what: self.create_client(Trigger, name) for what, name in triggers.items()}
-        pushes = {"exclude": "estimator/exclude_push", "keep": "estimator/keep_push"}
-        self._services_of |= {what: self.create_client(SelectPush, name) for what, name in pushes.items()}
         self._diagnostics = topics = Diagnostics(self, self._health)
         story = self._story
         # from the start, even if nobody looks: a visitor who comes late gets all of it
@@ -86,17 +93,13 @@ class ViewNode(Node):
             for kind, topic, told, qos in (
                 (FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED_QUEUE),
                 (Observation, "observation", lambda msg: story.on_observation(observation_from_msg(msg)), RELIABLE),
+                (PlanProgress, "plan_progress", story.on_plan, LATCHED_QUEUE),
+                (String, SETTINGS_TOPIC, lambda msg: story.on_settings(msg.data), LATCHED),
+                (String, "pusher_fault", lambda msg: story.on_fault(msg.data), LATCHED),
             )
-        ]
-        for kind, topic, told, qos in (
-            (PlanProgress, "plan_progress", story.on_plan, LATCHED_QUEUE),
-            (String, SETTINGS_TOPIC, lambda msg: story.on_settings(msg.data), LATCHED),
-            (String, "pusher_fault", lambda msg: story.on_fault(msg.data), LATCHED),
-        ):
-            topics.subscribe(kind, topic, self._reading(kind, self._telling(told)), qos, raw=True)
+        ][:2]
         topics.subscribe(CompressedImage, KEYFRAMES, self._reading(CompressedImage, self._on_keyframe), RELIABLE, raw=True)
-        health = self._telling(lambda msg: present.nodes(msg.status, self.get_namespace()))
-        self.create_subscription(DiagnosticArray, "/diagnostics", health, RELIABLE)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._telling(self._on_diagnostics), RELIABLE)
 
     @property
     def url(self) -> str:
@@ -139,15 +142,14 @@ class ViewNode(Node):
         while self._asked:
             self._asked.popleft()()
 
-    def _on_request(self, request: Request) -> None:
-        """In the server's thread."""
-        self._asked.append(lambda: self._carry_out(request))
-        self._wake.trigger()
+    def _here(self, do: Callable[[Any], None]) -> Callable[[Any], None]:
+        """The same for the server's thread: it is done in this node's."""
 
-    def _on_looking(self, looking: bool) -> None:
-        """In the server's thread."""
-        self._asked.append(lambda: self._look(looking))
-        self._wake.trigger()
+        def ask(what: Any) -> None:
+            self._asked.append(lambda: do(what))
+            self._wake.trigger()
+
+        return ask
 
     def _look(self, looking: bool) -> None:
         """Begin to receive what moves and to read all at once, or stop."""
@@ -159,12 +161,25 @@ class ViewNode(Node):
         if looking:
             callbacks: dict[str, Callable[[Any], None]] = {
                 "overlay/compressed": lambda msg: self._server.picture(bytes(msg.data)),
-                "object_pose": self._telling(present.pose),
-                "pusher_state": self._telling(present.pusher),
+                "object_pose": self._telling(lambda msg: {"pose": list(pose_sample_from_msg(msg).pose)}),
+                "pusher_state": self._telling(_pusher),
             }
             self._watched = [
                 self.create_subscription(kind, topic, callbacks[topic], qos) for topic, (kind, qos) in self.AT_TIMES.items()
             ]
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> Change:
+        """The health of the cell's nodes, and of no others."""
+        prefix = f"{self.get_namespace().rstrip('/')}/"
+        return {
+            f"node/{status.name.removeprefix(prefix)}": {
+                "level": LEVELS.get(status.level, "error"),
+                "message": status.message,
+                "values": {value.key: value.value for value in status.values},
+            }
+            for status in msg.status
+            if status.name.startswith(prefix)
+        }
 
     def _on_estimate(self, msg: FrictionEstimate) -> Change:
         return self._story.on_estimate(None if msg.status == FrictionEstimate.STATUS_NO_DATA else report_from_msg(msg))
@@ -175,27 +190,30 @@ class ViewNode(Node):
 
     def _carry_out(self, request: Request) -> None:
         """Call the service that a visitor's request means; a stop also goes out on its topic, at once."""
-        if request.pose is not None or request.action in AT_THE_CELL:
+        action, *given = request.what.split("/")
+        numbers = list(map(int, given))
+        if action == "lay" or action in SWITCHES:
             simulated = self._hand_out.get_subscription_count() > 0
-            if request.pose is not None:
-                self._hand_out.publish(PoseStamped(pose=pose_to_msg(request.pose)))
+            if action == "lay":
+                x, y, turn = numbers
+                self._hand_out.publish(PoseStamped(pose=pose_to_msg(Pose(1e-4 * x, 1e-4 * y, math.radians(0.1 * turn)))))
             else:
-                self._switch_out.publish(String(data=request.action))
-            request.answer(Answer(simulated, "done" if simulated else "nobody simulates this cell"))
+                self._switch_out.publish(String(data=action))
+            request.answer({"done": simulated, "message": "done" if simulated else "nobody simulates this cell"})
             return
-        client = self._services_of[request.action]
-        if request.action == "stop":
+        client = self._services_of[action]
+        if action == "stop":
             self._stop_out.publish(Empty())
         if not client.service_is_ready():
             name = self.resolve_service_name(client.srv_name)
-            request.answer(Answer(False, f"no service {name}: nobody there can do it"))
+            request.answer({"done": False, "message": f"no service {name}: nobody there can do it"})
             return
-        question = Trigger.Request() if request.push is None else SelectPush.Request(push_id=request.push)
 
         def answered(future: Future) -> None:
             response = future.result()
-            request.answer(Answer(response.success, response.message))
+            request.answer({"done": response.success, "message": response.message})
 
+        question = SelectPush.Request(push_id=numbers[0]) if numbers else Trigger.Request()
         client.call_async(question).add_done_callback(answered)
 
     def _health(self) -> Health:
@@ -204,6 +222,21 @@ class ViewNode(Node):
         if silent and not self._story.is_over:
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         return Health(Level.OK, "serving", values)
+
+
+def _pusher(msg: PusherState) -> Change:
+    """Where the pusher is."""
+    return {
+        "pusher": {
+            "mode": MODE_NAMES.get(msg.mode, str(msg.mode)),
+            "position": msg.position,
+            "tip": [msg.tip.x, msg.tip.y],
+            "direction": [msg.direction.x, msg.direction.y],
+            "radius": msg.tip_radius,
+            "in_doubt": msg.in_doubt,
+            "age": msg.age,
+        }
+    }
 
 
 def _announced() -> ViewNode:

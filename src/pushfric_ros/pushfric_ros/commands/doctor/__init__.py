@@ -21,7 +21,7 @@ from pushfric_core.commands.options import RUNS
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel, load_object
 from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.report.report import to_json
+from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, load_camera
 from pushfric_core.vision.frame_source import TOPICS
 from pushfric_ros.commands.doctor.camera import Watched, check_camera, check_exposure, check_stamps, watch

@@ -35,7 +35,6 @@ from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.model_file import check_name, make_model, prior, save_model
 from pushfric_core.files.object_file import ObjectModel, load_object
 from pushfric_core.geometry.frames import OBJECT
-from pushfric_core.report.ledger import sums_in_words
 from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STATES, WRENCHES, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
@@ -474,7 +473,7 @@ class EstimatorNode(Node):
                 "status": estimate.status.value,
             }
         ledger = self._ledger()
-        values |= sums_in_words(ledger)
+        values |= {kind: ", ".join(f"{n} {reason}" for reason, n in sums.items()) for kind, sums in ledger.sums().items()}
         if ledger.lines:
             values["doubts"] = "; ".join(ledger.lines)
         for doubt in ledger.doubts:

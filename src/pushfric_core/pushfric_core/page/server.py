@@ -6,8 +6,8 @@ import hmac
 import logging
 import pathlib
 import threading
-from collections.abc import Awaitable, Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
 from tornado.httpserver import HTTPServer
@@ -16,9 +16,10 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig, is_loopback
 from pushfric_core.errors import InvalidInput
-from pushfric_core.report.story import RUN_PAGE
+from pushfric_core.page.story import RUN_PAGE
+from pushfric_core.records import to_json
 
-FOLDERS = (pathlib.Path(__file__).parent / "page", RUN_PAGE)
+FOLDERS = (pathlib.Path(__file__).parent / "work", RUN_PAGE)
 """Folders of the pages' files."""
 
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
@@ -44,20 +45,47 @@ HEADERS = {
 }
 
 
+class Request(NamedTuple):
+    """Something that a page asks for."""
+
+    what: str  # its address, such as work or exclude/3
+    body: bytes
+    answer: Callable[[Any], None]  # with a Reply, from any thread; only the first counts
+
+
+Reply = tuple[str, bytes] | dict[str, Any]
+"""A content's type and bytes, or what becomes JSON: `done`, whether it was done, `message`, and what the page shows."""
+
+
 class PageServer:
     """Serves one page in a thread of its own, until `close`.
 
     Args:
         config: where to serve, and the token that a visitor must show.
         index: name of the file that is the page.
+        on_request: called from the server's thread with each request.
+        shown, done: the addresses of requests that change nothing (GET) and of others (POST), as regular expressions.
         routes: further addresses and their handlers, which get the argument `server`.
     Raises:
         InvalidInput: the server cannot listen there.
     """
 
-    def __init__(self, config: ViewConfig, index: str, routes: Sequence[tuple[str, type[RequestHandler]]]) -> None:
+    FREE_FOR_ALL = ""
+    """The request that needs no token."""
+
+    def __init__(
+        self,
+        config: ViewConfig,
+        index: str,
+        on_request: Callable[[Request], None],
+        shown: str,
+        done: str,
+        routes: Sequence[tuple[str, type[RequestHandler]]] = (),
+    ) -> None:
         self.index = index
-        self._routes = routes
+        self._on_request = on_request
+        self._routes = [*routes, (f"/({shown})", Shown), (f"/({done})", Done), (r"/([a-z.]*)", Page)]
+        self.replying: set[asyncio.Future[None]] = set()
         self._local, self._host = config.is_local, config.host
         self._token = config.protected().token
         self._sockets = _bound(config)
@@ -107,15 +135,16 @@ class PageServer:
         except ValueError:  # the origin is no address
             return False
 
-    def awaited(self) -> tuple[Awaitable[Any], Callable[[Any], None]]:
-        """An answer that comes later, and the function that gives it, from any thread; only the first answer counts."""
-        answered: asyncio.Future[Any] = self._loop.create_future()
+    async def reply(self, what: str, body: bytes) -> Reply:
+        """Pass a request on, and wait for the answer."""
+        answered: asyncio.Future[Reply] = self._loop.create_future()
 
-        def settle(answer: Any) -> None:
+        def settle(answer: Reply) -> None:
             if not answered.done():
                 answered.set_result(answer)
 
-        return answered, lambda answer: self.call(settle, answer)
+        self._on_request(Request(what, body, lambda answer: self.call(settle, answer)))
+        return await answered
 
     def call(self, function: Callable[..., object], *arguments: object) -> None:
         """Call a function in the server's thread; from any thread."""
@@ -123,13 +152,14 @@ class PageServer:
             self._loop.call_soon_threadsafe(function, *arguments)
 
     async def bid_farewell(self) -> None:
-        """The last words to visitors."""
+        """Let the last answers arrive."""
+        if self.replying:
+            await asyncio.wait(self.replying, timeout=1.0)
 
     def _serve(self) -> None:
         asyncio.set_event_loop(self._loop)
-        for_all = {"server": self}
         application = Application(
-            [(address, handler, for_all) for address, handler in (*self._routes, (r"/([a-z.]*)", Page))],
+            [(address, handler, {"server": self}) for address, handler in self._routes],
             log_function=lambda _: None,
             websocket_ping_interval=PING,
             websocket_ping_timeout=PING,
@@ -175,23 +205,50 @@ class Page(_Served):
         self.write(path.read_bytes())
 
 
-class Asked(_Served):
+class _Asked(_Served):
     """Something that a visitor asks for; an error is answered as `{"done": false, "message": ...}`."""
 
-    def admit(self, free: bool = False) -> None:
-        """Refuse a request that comes from the page of another site or, unless it is free for all, without the token."""
+    server: PageServer
+
+    async def answer(self, what: str) -> None:
+        """Answer, unless the page of another site asks, or somebody without the token for what needs it."""
         if not self.server.is_asked_from_here(self.request.host, self.request.headers.get("Origin")):
             raise HTTPError(403, "asked by the page of another site")
-        shown = self.request.headers.get("Authorization", "").removeprefix("Bearer ")
-        shown = shown or self.get_query_argument("token", "")
-        if not free and not self.server.allows(shown):
+        shown = self.request.headers.get("Authorization", "").removeprefix("Bearer ") or self.get_query_argument("token", "")
+        if what != self.server.FREE_FOR_ALL and not self.server.allows(shown):
             raise HTTPError(401, "the token is missing or wrong")
+        over = asyncio.get_running_loop().create_future()
+        self.server.replying.add(over)
+        try:
+            reply = await self.server.reply(what, self.request.body)
+            kind, content = reply if isinstance(reply, tuple) else ("application/json", to_json(reply).encode())
+            self.set_header("Content-Type", kind)
+            await self.finish(content)
+        finally:
+            self.server.replying.discard(over)
+            over.set_result(None)
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         """Write the reason, in the form of an answer."""
         error = kwargs.get("exc_info", (None, None))[1]
         why = getattr(error, "log_message", None) or self._reason
         self.finish({"done": False, "message": why})
+
+
+class Shown(_Asked):
+    """A request that changes nothing."""
+
+    async def get(self, what: str) -> None:
+        """Show it."""
+        await self.answer(what)
+
+
+class Done(_Asked):
+    """A request to change something."""
+
+    async def post(self, what: str) -> None:
+        """Carry it out."""
+        await self.answer(what)
 
 
 def _bound(config: ViewConfig) -> list[Any]:

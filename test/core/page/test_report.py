@@ -1,8 +1,10 @@
 """The page of a run: everything is in it, and the files that it offers are those that other commands read."""
 
 import asyncio
+import base64
 import functools
 import http.client
+import io
 import json
 import operator
 import pathlib
@@ -11,9 +13,14 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from calls import printed
+from PIL import Image
 from tornado.websocket import websocket_connect
+
+from pushfric_core.page.report import in_one_file
+from pushfric_core.page.story import Told
 
 BAG = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
 
@@ -37,16 +44,27 @@ def test_the_page_needs_nothing_else(page):
     assert not any(loaded in outside for loaded in ("<script src", 'src="', "@import", 'href="http', "import {", "export "))
     for said in ("rubber_rect4", "@media print", "minimum_speed"):
         assert said in text
-    (bag,) = re.findall(r'href="([^":]*)">recorded data', text)
-    assert (page[0].parent / bag).resolve() == BAG.resolve()
+    assert (page[0].parent / told(text)["data"]).resolve() == BAG.resolve()
+
+
+def test_pictures_are_made_small_and_what_is_none_is_kept():
+    picture, told_so_far = io.BytesIO(), Told()
+    noise = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
+    Image.fromarray(noise).save(picture, "JPEG", quality=95)
+    for number, content in enumerate((picture.getvalue(), b"no picture")):
+        told_so_far.take({f"picture/{number}": {"t": 0.0, "at": 0}}, content)
+    story = told(in_one_file(told_so_far))
+    small, kept = (base64.b64decode(story[f"src/picture/{number}"].partition(",")[2]) for number in range(2))
+    assert len(small) < len(picture.getvalue()) / 2
+    assert Image.open(io.BytesIO(small)).size == (64, 48)
+    assert kept == b"no picture"
 
 
 def test_the_last_pushes_are_predicted_from_those_before(page):
     _, text = page
-    section = text[text.index('id="predictions"') : text.index('id="account"')]
-    assert "The last 4 pushes, predicted from the 10 before" in section
-    rows = re.findall(r"<tr>(.*?)</tr>", section, re.DOTALL)[1:]
-    numbers = [[float(number) for number in re.findall(r'<span class="">([0-9.]+)', row)] for row in rows]
+    section = told(text)["tables"]["predictions"]
+    assert "The last 4 pushes, predicted from the 10 before" in section["text"]
+    numbers = [[float(number) for number in row] for row in section["rows"]]
     assert [row[0] for row in numbers] == [11, 12, 13, 14]
     assert all(median < 1.0 for _, _, median, _, _ in numbers)  # [degree], of a simulated object
     count, within = (sum(row[column] for row in numbers) for column in (1, 4))

@@ -44,17 +44,10 @@ def number(value: float | None, digits: int = 2) -> str:
     return INFEASIBLE if math.isinf(value) else f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")
 
 
-def page(package: str, template: str, **values: Any) -> str:
-    """A page from a template of a package, which extends `page.html.j2`.
-
-    Args:
-        package: whose folder holds the template.
-        template: name of its file.
-        values: what the template shows.
-    """
-    folders = [jinja2.PackageLoader(one, ".") for one in dict.fromkeys((package, __package__))]
+def page(template: str, **values: Any) -> str:
+    """A page from a template of this folder, which extends `page.html.j2`, with what it shows."""
     environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(folders),
+        loader=jinja2.PackageLoader("bench.paper", "."),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,

@@ -9,9 +9,10 @@ import pytest
 from tornado.httpclient import AsyncHTTPClient
 
 from pushfric_core.cell.node_settings import ViewConfig
-from pushfric_core.pages.clicked_points import ClickedPoints
-from pushfric_core.pages.picture_server import PNG, PictureServer
-from pushfric_core.report.report import to_json
+from pushfric_core.page.clicked_points import ClickedPoints
+from pushfric_core.page.server import PageServer
+from pushfric_core.page.work_page import ADDRESSES, PNG
+from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, Lens
 
 CAMERA = Camera.looking_down(640, 480, (0.2, 0.15), 1e-3, distortion=(-0.2, 0.08, 0.001, -0.0005, 0.0))
@@ -76,10 +77,10 @@ def asked():
 def server(asked):
     def answer(question):
         asked.append((question.what, question.body))
-        question.answer(b"\x89PNG" if question.what == PNG else {"done": True, "largest": np.float64(0.5)})
+        question.answer(("image/png", b"\x89PNG") if question.what == PNG else {"done": True, "largest": np.float64(0.5)})
 
     # the address 0.0.0.0 needs the token, as if other machines asked
-    server = PictureServer(ViewConfig(host="0.0.0.0", port=0, token=TOKEN), "points.html", answer)
+    server = PageServer(ViewConfig(host="0.0.0.0", port=0, token=TOKEN), "points.html", answer, *ADDRESSES)
     yield server
     server.close()
 
@@ -116,7 +117,7 @@ def test_strangers_are_refused(server, asked, what, method, headers, code):
 
 
 def test_another_sites_name_for_this_machine_is_refused(asked, caplog):
-    server = PictureServer(ViewConfig(port=0), "points.html", asked.append)
+    server = PageServer(ViewConfig(port=0), "points.html", asked.append, *ADDRESSES)
     try:
         assert fetched(server, "state", headers={"Host": "evil.example"}).code == 403
         for name in ("[::1", "::1]:80", "[]"):  # of no address

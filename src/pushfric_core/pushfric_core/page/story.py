@@ -18,6 +18,16 @@ The story is one flat dict; a change is a part of it. A value of None removes a 
     node/NAME        the last diagnostics of a node
     pose, pusher     where the object and the pusher are; told only while somebody looks
     ages             how long ago what passes (PASSING) came [s], for a visitor who comes late
+
+What only the end of a run can tell:
+
+    reported         whether its report can be had
+    doubts           what does not add up, in words
+    tables           by the id of its section: text, heads, rows, and which rows are in bold; a row of one cell spans all
+    files            to hand on: their texts, by name
+    data             where the recorded data lie, as seen from the page's file; empty: nowhere
+    made             by what the page was made, in words
+    src/picture/N    an image, as an address; only where the page is one file
 """
 
 import math
@@ -36,6 +46,7 @@ from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.prediction import STICKING, FrictionModel, predicted_twists
 from pushfric_core.pushers.pusher import PusherFault
+from pushfric_core.records import to_json
 from pushfric_core.trajectories.observation import Observation
 
 Change = dict[str, Any]
@@ -256,6 +267,33 @@ class Story:
             self._start = stamp
         self._now = max(self._now, stamp)
         return round((stamp - (self._start or stamp)) * 1e-9, 3)
+
+
+class Told:
+    """All that was told of a story: each value as JSON, and the pictures, both by their keys."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, str] = {}
+        self.pictures: dict[str, bytes] = {}
+
+    def take(self, change: Change, jpeg: bytes = b"") -> dict[str, str]:
+        """Note a change, and the picture that it tells of, if any; returns the change with each value as JSON."""
+        told = {key: to_json(value) for key, value in change.items()}
+        self.values |= told
+        self.pictures |= {key: jpeg for key in change if jpeg and key.startswith("picture/")}
+        for key in [key for key, value in change.items() if value is None and key != "estimate"]:
+            del self.values[key]
+            self.pictures.pop(key, None)
+        return told
+
+    def text(self) -> str:
+        """The whole story as JSON."""
+        return as_object(self.values)
+
+
+def as_object(values: dict[str, str]) -> str:
+    """JSON of values that are JSON already."""
+    return f"{{{', '.join(f'{to_json(key)}: {value}' for key, value in values.items())}}}"
 
 
 def with_histogram(figures: Change, bounds: BoundsReport) -> Change:

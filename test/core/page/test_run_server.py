@@ -8,8 +8,8 @@ from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from pushfric_core.cell.node_settings import ViewConfig
-from pushfric_core.pages import run_server
-from pushfric_core.pages.run_server import Server
+from pushfric_core.page import run_server
+from pushfric_core.page.run_server import Server
 
 PATIENCE = 60.0
 
@@ -139,7 +139,7 @@ def test_who_asks_is_told_when_nobody_answers(server, told, monkeypatch):
 
     asyncio.run(visit())
     (request,) = told.requests
-    assert (request.action, request.push) == ("stop", None)
+    assert request.what == "stop"
 
 
 def test_requests_that_are_none_are_refused(server, told):

@@ -227,7 +227,7 @@ function arrow([[a, b], [u, v]], kind) {
 
 /** The lower bounds on mu_c as a histogram, with the 90 % and 100 % marks, and its value with the interval. */
 export function drawFriction(svg, estimate) {
-  const height = 280, left = 24, right = WIDTH - 24, base = height - 34, top = 46;
+  const height = 280, left = 24, right = WIDTH - 24, base = height - 34, top = 58;
   svg.setAttribute("viewBox", `0 0 ${WIDTH} ${height}`);
   const { counts = [], bin_width: bin = 0.05 } = estimate?.histogram ?? {}, mu = estimate?.mu_c, its = estimate?.belief.mu_c;
   const finite = (mu ? [mu.max, its?.value, ...(its?.interval ?? [])] : []).map(number).filter(Number.isFinite);
@@ -251,7 +251,7 @@ export function drawFriction(svg, estimate) {
     for (const [value, label] of [[mu.p90, "90 %"], [mu.max, "100 %"]]) {
       const u = to(number(value));
       parts.push(made("path", { class: "bound", d: `M${u} ${base}V${top - 4}` }));
-      parts.push(made("text", { x: u, y: label === "90 %" ? top - 28 : top - 10, "text-anchor": u > right - 40 ? "end" : "middle", class: "strong" }, `${label}: ${number(value) === Infinity ? "∞" : number(value).toFixed(2)}`));
+      parts.push(made("text", { x: u, y: top - 10, dy: label === "90 %" ? "-1.2em" : 0, "text-anchor": u > right - 40 ? "end" : "middle", class: "strong" }, `${label}: ${number(value) === Infinity ? "∞" : number(value).toFixed(2)}`));
     }
     const [low, high] = (its?.interval ?? []).map(number);
     if (Number.isFinite(low)) {

@@ -6,7 +6,7 @@ import { Run } from "./run.js";
 
 const RETRY_MS = 2000, PAPER = 688; // width of a sheet of A4 without its margins [px]
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
-const SWITCHES = ["lamp", "unplug", "emergency_stop"]; // that a person at a simulated cell turns over
+const SWITCHES = document.querySelectorAll("#switches button"); // that a person at a simulated cell turns over
 
 const token = new URLSearchParams(location.search).get("token") ?? "";
 const at = (id) => document.getElementById(id);
@@ -62,7 +62,7 @@ function connect() {
   };
 }
 
-// What only the end of a run can tell, taken from its report before nobody serves it any more; and the report, to be saved
+// The report, to be saved, and what it alone can tell, before nobody serves them any more
 let report = null;
 async function takeReport(socket) {
   if (report !== null) return;
@@ -71,12 +71,11 @@ async function takeReport(socket) {
     const answered = await fetch(`report.html?token=${encodeURIComponent(token)}`), text = await answered.text();
     if (!answered.ok) throw new Error(text);
     report = URL.createObjectURL(new Blob([text], { type: "text/html" }));
-    const page = new DOMParser().parseFromString(text.slice(0, text.indexOf("</main>")), "text/html"), main = document.querySelector("main");
-    main.before(...page.querySelectorAll(".doubt"));
-    main.append(...page.querySelectorAll("#downloads, #downloads ~ *"));
-    at("downloads").querySelector("a:not([download])")?.remove(); // a file beside the report
+    if (!run.story.tables) {
+      const { doubts, files, tables, made } = JSON.parse(text.match(/id="story">(.*)<\/script>/)[1]);
+      run.take({ some: { doubts, files, tables, made } });
+    }
     at("result_page").href = report;
-    if (connection === "over") at("downloads").lastElementChild.append(at("result_page"));
   } catch {
     report = null; // it stays in its file
   }
@@ -139,6 +138,7 @@ function redraw() {
     drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
     drawCard(run, story);
     drawNodes();
+    drawEnd();
     if (story.object || connection !== "connecting") document.body.classList.remove("waiting");
   });
 }
@@ -190,8 +190,8 @@ function drawNow() {
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
-  const way = wayToPlace(story), hand = isLaid() ? "; drag it on the table, turn it by the ring, or use the arrow keys there (with Shift, they turn)" : "";
-  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go${hand}`;
+  const way = wayToPlace(story);
+  at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
   at("place").classList.toggle("there", Boolean(plan?.in_place));
   at("result").hidden = !(story.report && plan?.phase === "finished");
   write("report", story.report ?? "");
@@ -324,7 +324,7 @@ function unit(id, text, what) {
   at(id).replaceChildren(text, ...(text === "–" ? [] : [name]));
 }
 
-const addressOf = ({ key, src }) => src ?? `${key}?token=${encodeURIComponent(token)}`;
+const addressOf = ({ key, src }) => src ?? run.story[`src/${key}`] ?? `${key}?token=${encodeURIComponent(token)}`;
 
 // Load the pictures before they are asked for: when the run ends, nobody serves them any more
 let keeping = false;
@@ -362,7 +362,8 @@ function drawCamera(moment, compared) {
   at("seen").classList.toggle("problem", Boolean(unseen));
   const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
   at("switches").hidden = !turned.lamp;
-  for (const what of SWITCHES) at(what).ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[what]));
+  at("hand").hidden = connection !== "live" || !run.story["node/simulated_cell"];
+  for (const button of SWITCHES) button.ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[button.id]));
 }
 
 const lines = new Map(); // of the table, by push
@@ -446,6 +447,34 @@ function drawNodes() {
     }
   }
   for (const kept of [...list.children]) if (!story[kept.dataset.node]) kept.remove();
+}
+
+// What only the end of a run can tell
+let ended = null;
+function drawEnd() {
+  const { doubts, files, data, tables, made } = story;
+  if (!tables || ended === tables) return;
+  ended = tables;
+  document.querySelectorAll(".doubt").forEach((one) => one.remove());
+  document.querySelector("main").before(...doubts.map((doubt) => Object.assign(worded("p", `✗ ${doubt}`), { className: "doubt" })));
+  const links = Object.entries(files).map(([download, text]) => [download, { download, href: URL.createObjectURL(new Blob([text])) }]);
+  if (data) links.push(["recorded data", { href: data }]);
+  const buttons = links.flatMap(([name, where]) => [Object.assign(worded("a", name), { className: "button", ...where }), " "]);
+  at("downloads").lastElementChild.replaceChildren(...buttons, ...(connection === "over" ? [at("result_page")] : []));
+  at("made").textContent = made;
+  at("downloads").hidden = at("made").hidden = false;
+  for (const [id, { text, heads, rows, bold = [] }] of Object.entries(tables)) {
+    const section = at(id), table = document.createElement("table"), body = table.createTBody();
+    for (const row of heads ? [heads, ...rows] : []) {
+      const cells = row.map((one) => worded(row === heads && one ? "th" : "td", one));
+      if (row.length === 1) Object.assign(cells[0], { className: "under", colSpan: heads.length });
+      if (bold.includes(row[0])) cells.at(-1).className = "better";
+      body.insertRow().append(...cells);
+    }
+    section.replaceChildren(section.firstElementChild, ...(text ? [worded("p", text)] : []), Object.assign(document.createElement("div"), { className: "wide", tabIndex: 0 }));
+    section.lastElementChild.append(table);
+    section.hidden = false;
+  }
 }
 
 function worded(tag, text) {
@@ -539,7 +568,7 @@ addEventListener("beforeprint", () => {
 });
 addEventListener("afterprint", () => { drawn = []; redraw(); });
 listenForGuess(() => story, redraw);
-for (const what of ["stop", "reset", "repeat", "skip", "end", ...SWITCHES]) at(what).addEventListener("click", () => ask(what));
+for (const button of document.querySelectorAll(".buttons button, #switches button")) button.addEventListener("click", () => ask(button.id));
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled || connection === "over") return; // whatever has the focus
   event.preventDefault();

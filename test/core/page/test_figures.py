@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from problems import observations_of
 
 from pushfric_core import TABLE_1, Estimator
-from pushfric_core.report.figures import summary_figure
+from pushfric_core.page.figure import run_figure
 
 KNOWN = TABLE_1["rubber_rect4"]
 DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 12, np.random.default_rng(5))
@@ -47,7 +47,7 @@ def labels(axes):
 
 @pytest.mark.parametrize("truth", [KNOWN, None])
 def test_the_histogram_counts_every_lower_bound_and_marks_p90_and_max(drawn, estimates, tmp_path, truth):
-    summary_figure(tmp_path / "figure.png", KNOWN.outline, estimates, DATA, truth)
+    run_figure(tmp_path / "figure.png", KNOWN.outline, estimates, DATA, truth)
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     axes = panel(drawn[0], "Lower bounds")
     (bars,) = axes.containers
@@ -67,7 +67,7 @@ def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):
     estimator = Estimator(KNOWN.support_points)
     course = [estimator.add(pull)]
     assert course[-1].mu_c_max == math.inf
-    summary_figure(tmp_path / "figure.png", KNOWN.outline, course, [pull], None)
+    run_figure(tmp_path / "figure.png", KNOWN.outline, course, [pull], None)
     axes = panel(drawn[0], "Lower bounds")
     (bars,) = axes.containers
     assert heights(bars)[-1] == 1

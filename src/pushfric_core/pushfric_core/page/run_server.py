@@ -6,30 +6,30 @@ waits, in which later values of a key replace earlier ones.
 
 import asyncio
 import json
-import math
 import pathlib
 import time
-from collections.abc import Awaitable, Callable
-from typing import NamedTuple
+from collections.abc import Callable
 
 from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from pushfric_core.cell.node_settings import REPORT_FILE, ViewConfig
-from pushfric_core.geometry.planar import Pose
-from pushfric_core.pages.page_server import Asked, PageServer
-from pushfric_core.report.report import to_json
-from pushfric_core.report.story import PASSING, Change
+from pushfric_core.cell.node_settings import REPORT_FILE, SWITCHES, ViewConfig
+from pushfric_core.page.server import PageServer, Reply, Request
+from pushfric_core.page.story import PASSING, Change, Told, as_object
+from pushfric_core.records import to_json
 from pushfric_core.trajectories.observation import PUSH_IDS
 
-AT_THE_CELL = ("lamp", "unplug", "emergency_stop")
-"""The switches of a simulated cell that a visitor turns over, as a person there would."""
+SERVICES = {
+    "stop": "actuator/stop",
+    "reset": "actuator/reset",
+    "repeat": "experiment/repeat",
+    "skip": "experiment/skip",
+    "end": "experiment/end",
+}
+"""The requests of a visitor, besides those to turn one of SWITCHES over, and the services that carry them out."""
 
-ACTIONS = ("stop", "reset", "repeat", "skip", "end", *AT_THE_CELL)
-"""The requests of a visitor that need nothing but their name."""
-
-FREE_FOR_ALL = "stop"
-"""The action that needs no token."""
+PUSH_SERVICES = {"exclude": "estimator/exclude_push", "keep": "estimator/keep_push"}
+"""The same for requests that name a push."""
 
 ANSWER_WITHIN = 15.0
 """If nobody answers within this time [s], the visitor is told so."""
@@ -38,37 +38,20 @@ WITHOUT_TOKEN, RUN_ENDED = 4001, 1001
 """WebSocket status codes that say why a visitor's connection is closed."""
 
 
-Parcel = dict[str, str]
-"""A change of the story, or all of it; each value as JSON."""
-
-
-class Answer(NamedTuple):
-    """The answer to a visitor's request."""
-
-    done: bool
-    message: str
-
-
-class Request(NamedTuple):
-    """Something that a visitor asks for."""
-
-    action: str  # one of ACTIONS, exclude, keep, or lay
-    push: int | None  # to exclude or keep
-    answer: Callable[[Answer], None]  # from any thread; only the first answer counts
-    pose: Pose | None = None  # where to lay the simulated object
-
-
 class Server(PageServer):
     """The server of one run.
 
     Args:
         config: where to serve, and the token that a visitor must show.
-        on_request: called from the server's thread with each request.
+        on_request: called from the server's thread with each request: one of SERVICES or SWITCHES; one of PUSH_SERVICES, as
+            exclude/PUSH; or lay/X/Y/TURN, where to lay the simulated object, in tenths of a millimetre and of a degree.
         on_looking: called from the server's thread with whether anybody looks, whenever that changes.
         report: file of the page that the run leaves behind; it need not exist before the end. None: there will be none.
     Raises:
         InvalidInput: the server cannot listen there.
     """
+
+    FREE_FOR_ALL = "stop"
 
     def __init__(
         self,
@@ -77,21 +60,14 @@ class Server(PageServer):
         on_looking: Callable[[bool], None],
         report: pathlib.Path | None = None,
     ) -> None:
-        self._on_request, self._on_looking, self.report = on_request, on_looking, report
-        self._story: Parcel = {}
+        self._on_looking, self.report = on_looking, report
+        self.told = Told()
         self._came: dict[str, float] = {}  # when what passes did
-        self._kept: dict[str, bytes] = {}  # the pictures of the story, by its keys
         self._visitors: set[Visitor] = set()
         self._looking = False
-        routes = [
-            (r"/live", Visitor),
-            (r"/(picture/\d{1,9})", Picture),
-            (rf"/{REPORT_FILE}", Report),
-            (rf"/({'|'.join(ACTIONS)})", Action),
-            (r"/(exclude|keep)/(-?\d{1,10})", Action),
-            (r"/lay/(-?\d{1,5})/(-?\d{1,5})/(-?\d{1,5})", Laying),
-        ]
-        super().__init__(config, "index.html", routes)
+        shown = rf"picture/\d{{1,9}}|{REPORT_FILE}"
+        done = rf"{'|'.join((*SERVICES, *SWITCHES))}|(?:{'|'.join(PUSH_SERVICES)})/-?\d{{1,10}}|lay(?:/-?\d{{1,5}}){{3}}"
+        super().__init__(config, "index.html", on_request, shown, done, [("/live", Visitor)])
 
     def show(self, change: Change, jpeg: bytes = b"") -> None:
         """Send a change of the story to the visitors, with the picture that it tells of, if any; from any thread."""
@@ -101,16 +77,12 @@ class Server(PageServer):
         """Show the newest picture to those who look; from any thread."""
         self.call(self._picture, jpeg)
 
-    def kept(self, key: str) -> bytes | None:
-        """The picture of the story that has this key; None if there is none."""
-        return self._kept.get(key)
-
     def welcome(self, visitor: "Visitor") -> None:
         """Send everything so far to a new visitor."""
         self._visitors.add(visitor)
         now = time.monotonic()
         ages = {key: now - came for key, came in self._came.items()}
-        visitor.tell(self._story | ({"ages": to_json(ages)} if ages else {}))
+        visitor.tell(self.told.values | ({"ages": to_json(ages)} if ages else {}))
         self.look()
 
     def leave(self, visitor: "Visitor") -> None:
@@ -125,11 +97,22 @@ class Server(PageServer):
             self._looking = looking
             self._on_looking(looking)
 
-    def ask(self, action: str, push: int | None = None, pose: Pose | None = None) -> Awaitable[Answer]:
-        """Pass a request on; the answer comes later."""
-        answered, answer = self.awaited()
-        self._on_request(Request(action, push, answer, pose))
-        return asyncio.wait_for(answered, ANSWER_WITHIN)
+    async def reply(self, what: str, body: bytes) -> Reply:
+        """A picture of the story; or the report, which is not to be opened here, where its own scripts are not allowed; or what
+        becomes of a request."""
+        kind, _, number = what.partition("/")
+        if kind == "picture" and what in self.told.pictures:
+            return "image/jpeg", self.told.pictures[what]
+        if what == REPORT_FILE and self.report is not None and self.report.is_file():
+            return "text/plain; charset=utf-8", self.report.read_bytes()
+        if kind in ("picture", REPORT_FILE):
+            raise HTTPError(404)
+        if kind in PUSH_SERVICES and not 0 <= int(number) < PUSH_IDS:
+            raise HTTPError(400, f"a push has a number in [0, {PUSH_IDS})")
+        try:
+            return await asyncio.wait_for(super().reply(what, body), ANSWER_WITHIN)
+        except TimeoutError:
+            return {"done": False, "message": f"nobody answered within {ANSWER_WITHIN:g} s"}
 
     async def bid_farewell(self) -> None:
         """Tell the visitors that the run has ended, once they have its report."""
@@ -140,13 +123,8 @@ class Server(PageServer):
         await asyncio.gather(*(visitor.bid_farewell() for visitor in list(self._visitors)), return_exceptions=True)
 
     def _show(self, change: Change, jpeg: bytes) -> None:
-        told = {key: to_json(value) for key, value in change.items()}  # once, not for each visitor: a story may be long
-        self._story |= told
+        told = self.told.take(change, jpeg)  # once, not for each visitor: a story may be long
         self._came |= {key: time.monotonic() for key in change if key.startswith(PASSING)}
-        self._kept |= {key: jpeg for key in change if jpeg and key.startswith("picture/")}
-        for key in [key for key, value in change.items() if value is None and key != "estimate"]:
-            del self._story[key]
-            self._kept.pop(key, None)
         for visitor in self._visitors:
             visitor.tell(told)
 
@@ -162,7 +140,7 @@ class Visitor(WebSocketHandler):
         self._server = server
         self.looks, self.has_report = True, False
         self._whole = True  # the first parcel is the whole story
-        self._parcel: Parcel = {}
+        self._parcel: dict[str, str] = {}  # a change of the story, or all of it; each value as JSON
         self._jpeg: bytes | None = None
         self._news = asyncio.Event()
         self._sending: asyncio.Task[None] | None = None
@@ -204,7 +182,7 @@ class Visitor(WebSocketHandler):
             self._sending.cancel()
             self._server.leave(self)
 
-    def tell(self, told: Parcel) -> None:
+    def tell(self, told: dict[str, str]) -> None:
         """Put a change into the parcel that waits."""
         self._parcel |= told
         self._news.set()
@@ -230,68 +208,8 @@ class Visitor(WebSocketHandler):
                 jpeg, self._jpeg = self._jpeg, None
                 if parcel:
                     kind, self._whole = "all" if self._whole else "some", False
-                    values = ", ".join(f"{to_json(key)}: {value}" for key, value in parcel.items())
-                    await self.write_message(f'{{"{kind}": {{{values}}}}}')
+                    await self.write_message(f'{{"{kind}": {as_object(parcel)}}}')
                 if jpeg is not None:
                     await self.write_message(jpeg, binary=True)
         except WebSocketClosedError:
             pass  # on_close follows
-
-
-class Picture(Asked):
-    """A picture of the story, for those who may read it."""
-
-    server: Server
-
-    def get(self, key: str) -> None:
-        """A picture, as JPEG."""
-        self.admit()
-        jpeg = self.server.kept(key)
-        if jpeg is None:
-            raise HTTPError(404)
-        self.set_header("Content-Type", "image/jpeg")
-        self.write(jpeg)
-
-
-class Report(Asked):
-    """The page that the run leaves behind, for those who may read it."""
-
-    server: Server
-
-    def get(self) -> None:
-        """The page, once it is written; it is not to be opened here, where its own scripts are not allowed."""
-        self.admit()
-        if self.server.report is None or not self.server.report.is_file():
-            raise HTTPError(404)
-        self.set_header("Content-Type", "text/plain; charset=utf-8")
-        self.write(self.server.report.read_bytes())
-
-
-class Action(Asked):
-    """Visitors' requests, each a POST; the answer is `{"done": ..., "message": ...}`."""
-
-    server: Server
-
-    async def post(self, action: str, push: str | None = None) -> None:
-        """Carry out a request, unless it comes from the page of another site or without the token."""
-        self.admit(free=action == FREE_FOR_ALL)
-        number = None if push is None else int(push)
-        if number is not None and not 0 <= number < PUSH_IDS:
-            raise HTTPError(400, f"a push has a number in [0, {PUSH_IDS})")
-        try:
-            answer = await self.server.ask(action, number)
-        except TimeoutError:
-            answer = Answer(False, f"nobody answered within {ANSWER_WITHIN:g} s")
-        self.write(answer._asdict())
-
-
-class Laying(Asked):
-    """Where a visitor lays the simulated object: x and y in tenths of a millimetre, and its turn in tenths of a degree."""
-
-    server: Server
-
-    async def post(self, x: str, y: str, turn: str) -> None:
-        """Lay it there."""
-        self.admit()
-        pose = Pose(1e-4 * int(x), 1e-4 * int(y), math.radians(0.1 * int(turn)))
-        self.write((await self.server.ask("lay", pose=pose))._asdict())

@@ -7,7 +7,7 @@ from pushfric_core.bags.constants import constants
 from pushfric_core.bags.message_types import record
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.files.object_file import load_object
-from pushfric_core.report.story import MOST_PICTURES, Story
+from pushfric_core.page.story import MOST_PICTURES, Story
 
 OBJECT = "wood_rect4"
 PHASES = constants("PlanProgress")

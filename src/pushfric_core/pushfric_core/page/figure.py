@@ -1,20 +1,17 @@
-"""Figures of a run and of a limit surface, in the style of the paper's."""
+"""The figure of a run, in the style of the paper's."""
 
 import itertools
 import math
 import pathlib
 import textwrap
 from collections.abc import Collection, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
-from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import BIN_WIDTH, BINS, histogram
 from pushfric_core.estimation.picture import (
@@ -23,34 +20,25 @@ from pushfric_core.estimation.picture import (
     GREY,
     INK,
     MILLIMETRE,
+    SLIPPING,
     STYLE,
+    TRUTH,
     closed,
     draw_support_friction,
     legend,
 )
-from pushfric_core.files.whole_file import make_folder
+from pushfric_core.files.figure_file import save_figure
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Array, Wrench, transform
+from pushfric_core.geometry.planar import Array, transform
 from pushfric_core.geometry.table_1 import TableObject
-from pushfric_core.mechanics.limit_surface import LimitSurface
 from pushfric_core.mechanics.prediction import ELLIPSE
 from pushfric_core.trajectories.observation import Observation
-
-TRUTH, SLIPPING, OTHER, REACHED = "#d55e00", "#cc79a7", "#009e73", "#56b4e9"
-"""The meaning of each colour, with those of the picture. OTHER marks what the estimate is compared with, REACHED what pushes
-reach. The colours are those of Okabe and Ito (Color Universal Design, 2008), which colour-blind readers tell apart."""
 
 BELIEFS = 15
 """At most about so many times within a run, the figure shows how far p_CF may be off: it takes longer than an observation."""
 
-MERIDIANS = 8
-"""Number of sections through the moment axis that show the limit surface in space."""
-
 SCALE_BAR = 50
 """Length of the bar that gives the scale [mm]."""
-
-PANELS = 12
-"""Largest number of objects whose centres are drawn in one figure."""
 
 
 def with_belief(estimates: Sequence[Estimate]) -> list[int]:
@@ -60,20 +48,7 @@ def with_belief(estimates: Sequence[Estimate]) -> list[int]:
     return [*ends[:: math.ceil(len(ends) / BELIEFS) or 1], len(estimates) - 1]
 
 
-def check_image_name(path: pathlib.Path) -> None:
-    """Check a figure's name, before the work of which it shall show the result.
-
-    Raises:
-        InvalidInput: no image is known by the end of this name.
-    """
-    known = FigureCanvasBase.get_supported_filetypes()
-    if path.suffix[1:] not in known:
-        raise InvalidInput(
-            f"{path}: not the name of an image; expected one that ends with {', '.join(f'.{name}' for name in known)}"
-        )
-
-
-def summary_figure(
+def run_figure(
     path: pathlib.Path,
     outline: Outline,
     estimates: Sequence[Estimate],
@@ -103,129 +78,7 @@ def summary_figure(
         _draw_support_friction(friction, outline, estimates[-1], truth)
         _draw_contact_friction(contact, estimates[-1], [one.push_id in slipping for one in data], truth)
         _draw_center_of_friction(errors, outline, estimates, truth)
-        save(figure, path)
-
-
-def limit_surface_figure(
-    path: pathlib.Path, surface: LimitSurface, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float
-) -> None:
-    """Two panels: the surface with the part that pushes reach (Figure 12, in space), and a section with both ellipsoids.
-
-    Args:
-        path: where to write the image; its suffix selects the format.
-        surface: the limit surface of an object.
-        contact_points: (k, 2) where it can be pushed, object frame [m].
-        contact_normals: (k, 2) unit, outward.
-        mu_c: contact friction coefficient.
-    Raises:
-        ValueError: as for `LimitSurface.reachable`.
-        SolverFailed: the motion of a push was not found.
-        InvalidInput: the image cannot be written.
-    """
-    scale = np.array((1.0, 1.0, MILLIMETRE))
-    reached = surface.reachable(contact_points, contact_normals, mu_c).wrenches * scale
-    moment = Wrench(0.0, 0.0, 1.0)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10, 4.4), layout="constrained")
-        space = figure.add_subplot(1, 2, 1, projection="3d")
-        for angle in np.arange(MERIDIANS) * np.pi / MERIDIANS:
-            force = Wrench(float(np.cos(angle)), float(np.sin(angle)), 0.0)
-            section = surface.cross_section(force, moment).points @ (force, moment) * scale
-            space.plot(*closed(section).T, color=GREY, lw=0.6)
-        for wrenches in reached:
-            (line,) = space.plot(*wrenches.T, color=REACHED, lw=3, marker="o" if len(wrenches) == 1 else None, ms=3)
-        line.set_label("what pushes reach")
-        space.set_box_aspect(None, zoom=1.1)
-        space.set(title="Limit surface, units as on the right", xlabel="$f_x$", ylabel="$f_y$", zlabel="$m$")
-        space.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1))
-        section = figure.add_subplot(1, 2, 2)
-        force = Wrench(0.0, 1.0, 0.0)
-        section.plot(*closed(surface.cross_section(force, moment).points * scale[1:]).T, color=INK, lw=1.4, label="exact")
-        angles = np.linspace(0, 2 * np.pi, 361)
-        for name, ellipsoid, style in (("axes", surface.ellipsoid(), "--"), ("fitted", surface.fitted_ellipsoid(), ":")):
-            form = ellipsoid.form[1:, 1:]
-            # the inverse of a square root of the form takes the circle to the ellipse
-            ellipse = np.column_stack((np.cos(angles), np.sin(angles))) @ np.linalg.inv(np.linalg.cholesky(form))
-            section.plot(*(ellipse * scale[1:]).T, ls=style, color=OTHER, lw=1.4, label=f"ellipsoid, {name}")
-        section.set(title="Section $f_x = 0$", xlabel="$f_y$ [support friction]", ylabel="$m$ [support friction $\\times$ mm]")
-        section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
-        save(figure, path)
-
-
-class Centers(NamedTuple):
-    """The estimates of an object's p_CF from several inputs."""
-
-    name: str  # of the object
-    points: Array  # (k, 2) object frame [m]
-    labels: Sequence[str]  # k: of those that differ from the others; empty for the rest
-
-
-def centers_figure(path: pathlib.Path, objects: Sequence[Centers]) -> None:
-    """A panel for each object: p_CF of each input, and the names of those that differ.
-
-    Args:
-        path: where to write the image; its suffix selects the format.
-        objects: at least one; the first PANELS are drawn.
-    Raises:
-        InvalidInput: the image cannot be written.
-    """
-    shown = objects[:PANELS]
-    columns = min(len(shown), 3)
-    rows = -(-len(shown) // columns)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(4.2 * columns, 3.8 * rows), layout="constrained")
-        panels = figure.subplots(rows, columns, squeeze=False).ravel()
-        for axes, (name, points, labels) in zip(panels, shown, strict=False):
-            differs = np.array([bool(label) for label in labels])
-            axes.plot(*(MILLIMETRE * points[~differs].T), "o", ms=4, mfc="none", color=ESTIMATE, label="p_CF")
-            axes.plot(*(MILLIMETRE * points[differs].T), "x", ms=6, color=TRUTH, label="differs from the others")
-            for (x, y), label in zip(MILLIMETRE * points, labels, strict=True):
-                axes.annotate(label, (x, y), (4, 4), textcoords="offset points", fontsize=7, color=INK)
-            axes.set(title=f"{name}: {len(points)}", xlabel="x [mm]", ylabel="y [mm]")
-            axes.set_aspect("equal", "datalim")
-            axes.margins(0.15)
-        for axes in panels[len(shown) :]:
-            axes.axis("off")
-        if any(label for one in shown for label in one.labels):
-            figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-        save(figure, path)
-
-
-def table_error_figure(path: pathlib.Path, places: Array, errors: Array) -> None:
-    """A map of the errors that the camera's calibration makes in places on the table.
-
-    Args:
-        path: where to write the image; its suffix selects the format.
-        places: (rows, columns, 2) in the table frame [m].
-        errors: (rows, columns), 1 sigma [m].
-    Raises:
-        InvalidInput: the image cannot be written.
-    """
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6.4, 4.6), layout="constrained")
-        axes = figure.subplots()
-        x, y = MILLIMETRE * places[..., 0], MILLIMETRE * places[..., 1]
-        map_ = axes.contourf(x, y, MILLIMETRE * errors, levels=8, cmap="viridis")
-        axes.plot(0, 0, "+", color="white", ms=10)
-        axes.annotate("origin", (0, 0), (4, 4), textcoords="offset points", color="white")
-        axes.set(title="Error of a place on the table, 1 sigma", xlabel="x [mm]", ylabel="y [mm]")
-        axes.set_aspect("equal")
-        figure.colorbar(map_, label="mm")
-        save(figure, path)
-
-
-def save(figure: Figure, path: pathlib.Path, dpi: int = 130) -> None:
-    """Write a figure; the suffix of the path selects the format.
-
-    Raises:
-        InvalidInput: the image cannot be written, or has no such format.
-    """
-    check_image_name(path)
-    make_folder(path.parent)
-    try:
-        figure.savefig(path, dpi=dpi)
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error.strerror or error}") from error
+        save_figure(figure, path)
 
 
 def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation]) -> None:

@@ -11,7 +11,7 @@ import yaml
 from pushfric_core import InvalidInput, Outline, Pose
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import transform
-from pushfric_core.pages.drawn_object import DrawnObject
+from pushfric_core.page.drawn_object import DrawnObject
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera
 

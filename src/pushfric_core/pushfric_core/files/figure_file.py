@@ -1,0 +1,36 @@
+"""The file of a figure: its suffix selects the format."""
+
+import pathlib
+
+from matplotlib.backend_bases import FigureCanvasBase
+from matplotlib.figure import Figure
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.whole_file import make_folder
+
+
+def check_image_name(path: pathlib.Path) -> None:
+    """Check a figure's name, before the work of which it shall show the result.
+
+    Raises:
+        InvalidInput: no image is known by the end of this name.
+    """
+    known = FigureCanvasBase.get_supported_filetypes()
+    if path.suffix[1:] not in known:
+        raise InvalidInput(
+            f"{path}: not the name of an image; expected one that ends with {', '.join(f'.{name}' for name in known)}"
+        )
+
+
+def save_figure(figure: Figure, path: pathlib.Path, dpi: int = 130) -> None:
+    """Write a figure; the suffix of the path selects the format.
+
+    Raises:
+        InvalidInput: the image cannot be written, or has no such format.
+    """
+    check_image_name(path)
+    make_folder(path.parent)
+    try:
+        figure.savefig(path, dpi=dpi)
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror or error}") from error

@@ -1,1 +1,0 @@
-"""The live view: what is so at present."""
