@@ -208,7 +208,6 @@ NODE_CASES = [
             ANY,
             "",
             partial(_stall, node),
-            quick=node == "estimator",
             aborts=REASONS[node],
         )
         for node in NODES

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))  # what is in no package: `bench`
+sys.path[:0] = [str(ROOT), str(ROOT / "examples")]  # what is in no package: `bench`, and the examples as they are called
 REAL_PUSHES = ROOT.parent / "shared/data/zhou2015_triangle"
 MIT_PUSHES = ROOT.parent / "shared/data/mit_push"
 
@@ -51,8 +51,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whole runs come first, then nodes: they take longest, and one that began last would keep all but one process waiting."""
-    items.sort(key=lambda item: ("system" not in item.path.parts, "nodes" not in item.path.parts))
+    """Files with whole runs and nodes, which mostly wait, are spread evenly among those that compute: all cores have work."""
+    files = dict.fromkeys(item.path for item in items)
+    waits = {path: {"system", "nodes"}.isdisjoint(path.parts) for path in files}
+    halves = [
+        sorted((path for path in files if waits[path] == half), key=lambda path: "system" not in path.parts)
+        for half in (False, True)
+    ]
+    place = {path: number / len(half) for half in halves for number, path in enumerate(half)}
+    items.sort(key=lambda item: place[item.path])
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,6 @@ A failure names the target and the seed, from which `mutated` makes its bytes ag
 import atexit
 import csv
 import functools
-import gzip
 import io
 import itertools
 import os
@@ -23,7 +22,6 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import public_sets
 import rearranged
 from mcap.writer import CompressionType
 from rclpy.serialization import deserialize_message, serialize_message
@@ -31,7 +29,6 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from bench.public import cpush, mitpush, zhou2015
 from pushfric_core import Estimator, InvalidInput, Observation, Pose, PushfricError, Trajectory, Twist, friction_model
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
@@ -195,16 +192,6 @@ def targets() -> dict[str, Target]:
         "observations": Target(_of_file("data.csv", lambda path: _estimated(read_observations(path, outline))), [_csv()],
                                (InvalidInput,)),
         "support points": Target(_of_file("points.csv", read_points), [b"x,y\n0.01,0.02\n-0.01,0.03\n"], (InvalidInput,)),
-        "log": Target(_of_file("cut__exp.txt", zhou2015.read_log), [_log()], (InvalidInput,)),
-        "compressed log": Target(_of_file("cut__exp.txt.gz", zhou2015.read_log), [gzip.compress(_log())], (InvalidInput,)),
-        "push points": Target(_of_file("push_points.csv", zhou2015.read_push_points), [_push_points()], (InvalidInput,)),
-        "strokes": Target(
-            _of_file("strokes.mat", lambda path: mitpush.read_file(path, public_sets.OUTLINE)),
-            [public_sets.strokes_file()],
-            (InvalidInput,),
-        ),
-        "run": Target(_of_file("run.json", cpush.read_run), [public_sets.run_file()], (InvalidInput,)),
-        "outlines": Target(_outline_of_butter, [public_sets.BUTTER], (InvalidInput,)),
         "bag": Target(_of_file("bag.mcap", _read_bag), [_small_bag()], (InvalidInput, PushfricError)),
         "database": Target(_of_file("bag.db3", _read_bag), [_database()], (InvalidInput, PushfricError)),
         "uncompressed bag": Target(_of_file("bag.mcap", _recover), [_uncompressed_bag()], (InvalidInput,)),
@@ -341,29 +328,6 @@ def _csv() -> bytes:
     for o in _observations():
         writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, o.half_width, *(o.force or ())))
     return text.getvalue().encode()
-
-
-def _outline_of_butter(data: bytes, folder: pathlib.Path) -> None:
-    path = folder / mitpush.OUTLINES
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(data)
-    mitpush.outline_of("butter", folder)
-
-
-def _push_points() -> bytes:
-    rows = [
-        ",".join(zhou2015.COLUMNS),
-        "cut,cut__exp.txt,0,10,0,0,-1,1,2,0.01,0.1,0.2",
-        "cut,cut__exp.txt,1,20,0,0,-1,1,2,0.02,0.1,0.2",
-    ]
-    return "\n".join(rows).encode()
-
-
-def _log() -> bytes:
-    pose, after = "400 0 0 1 0 0 0", "402 10 0 0.99995 0 0 0.01"
-    forces = "\n".join(f"{1e9 + 0.1 * n} {0.1 * n} {0.2 * n}" for n in range(10))
-    tool = "\n".join(f"{1e9 + 0.1 * n} {430 + n} {-5 + n} 200 1 0 0 0" for n in range(10))
-    return f"1\n{pose}\n{after}\n10\n{forces}\n10\n{tool}\n".encode()
 
 
 def _camera() -> bytes:

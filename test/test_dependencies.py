@@ -209,19 +209,13 @@ def test_what_is_missing_or_too_old_is_told_in_one_line(old):
     assert dependencies.complaint(["rich>=9"]) is None
 
 
-OUT = ["estimate", "bags/rubber_rect4", "--out", "OUT", "--jobs", "1"]
-
 USERS = {
     "cv2": ["calibrate", "board", "--out", "OUT"],
-    "distributed": [*OUT, "--dask", "tcp://127.0.0.1:1"],
     "matplotlib": ["estimate", "bags/rubber_rect4", "--figure", "OUT.png"],
     "numpy": ["estimate", "bags/rubber_rect4"],
-    "pydantic": ["estimate", "bags/rubber_rect4"],
-    "scipy": ["estimate", "bags/rubber_rect4", "--loss", "l2"],
     "serial": ["rehearse", "docs/example_cell/cell.yaml"],
     "tornado": ["calibrate", "table", "pictures", "--camera", "OUT.yaml", "--view", "0"],
     "typer": ["--version"],
-    "zstandard": ["bag", "verify", "bags/rubber_rect4"],
 }
 """A command that loads the module."""
 

@@ -1,7 +1,6 @@
 """What an estimate and its observations look like: as text, as a table, as a dictionary, as a picture."""
 
 import importlib.util
-import json
 import pathlib
 import subprocess
 import sys
@@ -24,7 +23,6 @@ from pushfric_core import (
 )
 from pushfric_core.bags.bag import DamagedBag
 from pushfric_core.errors import installing
-from pushfric_core.offline.estimation import Choices, estimate_from
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BAG = ROOT / "bags/rubber_rect4"
@@ -76,16 +74,6 @@ def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
     for count, estimate in enumerate(course, 1):
         assert estimate.observations == tuple(DATA[:count])
     assert estimator.observations == tuple(DATA[1:]) == estimator.estimate().observations
-
-
-def test_the_dictionary_is_the_json_of_the_command_line():
-    recording = load(BAG)
-    estimation = estimate_from(BAG, Choices(), lambda _: None)
-    estimate = recording.new_estimator().add(recording)
-    assert estimate == estimation.result
-    assert estimate.to_dict(recording.object.name) == estimation.figures()
-    assert estimate.to_dict()["object"] == ""
-    assert json.dumps(estimate.to_dict())
 
 
 def test_observations_as_a_table_are_read_again(tmp_path):

@@ -25,7 +25,7 @@ def test_an_arm_finds_the_centre_of_friction(driver, pushes, tmp_path):
     (tmp_path / "plan.yaml").write_text(json.dumps({"pushes": PUSHES[:pushes]}))
     content["camera"]["calibration"] = str(EXAMPLES / content["camera"]["calibration"])
     content["pusher"] |= {"driver": driver, "command": COMMANDS[driver], **PATIENT}
-    content["plan"] |= {"file": "plan.yaml", "speed": SPEED, "lost_object": 60.0, "lost_result": 60.0}
+    content["plan"] |= {"file": "plan.yaml", "distance": 0.03, "speed": SPEED, "lost_object": 60.0, "lost_result": 60.0}
     (tmp_path / "cell.yaml").write_text(json.dumps(content))
     with open(tmp_path / "log", "w") as log:
         arm = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)

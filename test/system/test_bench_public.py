@@ -1,27 +1,25 @@
 """The benchmark on public pushes, with strokes made by the model of one object."""
 
-import pathlib
+import shutil
 
 import numpy as np
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture(autouse=True)
-def bench(monkeypatch):
-    monkeypatch.syspath_prepend(ROOT)
+from bench import public_pushes, simulators
+from bench.__main__ import _each_named
+from bench.public import zhou2015
+from bench.public.mitpush import POLY4
+from bench.public.strokes import STROKES, USUAL_RADIUS, Stroke, read_strokes, save_strokes
+from bench.public_pushes import _center, ellipsoid_motion, measure, sets_in
+from pushfric_core import TABLE_1, FrictionModel, NamedEllipsoid, Pose, believe, predict_strokes
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import load_object, save_object
+from pushfric_core.geometry.planar import transform
 
 
 @pytest.fixture
 def folder(tmp_path):
     """A set whose stored quartic is right, and whose stored ellipsoid says that nothing moves."""
-    from bench import simulators
-    from bench.public.mitpush import POLY4
-    from bench.public.strokes import STROKES, USUAL_RADIUS, Stroke, save_strokes
-    from pushfric_core import TABLE_1, FrictionModel, Pose, predict_strokes
-    from pushfric_core.files.object_file import load_object, save_object
-
     name = "wood_rect3"
     known = TABLE_1[name]
     save_object(load_object(name), tmp_path / "block.yaml")
@@ -38,8 +36,6 @@ def folder(tmp_path):
 
 
 def test_every_contender_is_compared_on_the_same_strokes(folder, tmp_path):
-    from bench import public_pushes
-
     told = []
     figures = public_pushes.measure(public_pushes.sets_in(folder), tmp_path / "figure.png", told.append)
     (row,) = figures["sets"]
@@ -61,12 +57,6 @@ def test_every_contender_is_compared_on_the_same_strokes(folder, tmp_path):
 
 def test_two_sets_of_an_object_must_agree(folder, tmp_path):
     """Without a label: p_CF of one object on two surfaces is the same; of another one that is pushed alike, it is not."""
-    import shutil
-
-    from bench.public.strokes import STROKES, read_strokes, save_strokes
-    from bench.public_pushes import measure, sets_in
-    from pushfric_core.geometry.planar import transform
-
     shutil.copy(folder / f"steel_block{STROKES}", folder / f"wood_block{STROKES}")
     moved = [
         stroke._replace(
@@ -85,9 +75,6 @@ def test_two_sets_of_an_object_must_agree(folder, tmp_path):
 
 
 def test_the_real_triangles_are_rolled_out_from_a_table_and_from_bags(real_pushes, tmp_path):
-    from bench.public import zhou2015
-    from bench.public_pushes import sets_in
-
     zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path)
     by_name = {one.name: one for one in sets_in(tmp_path)}
     for one in sets_in(real_pushes):
@@ -99,16 +86,11 @@ def test_the_real_triangles_are_rolled_out_from_a_table_and_from_bags(real_pushe
 
 
 def test_folders_without_sets_are_refused(tmp_path):
-    from bench.public_pushes import sets_in
-    from pushfric_core.errors import InvalidInput
-
     with pytest.raises(InvalidInput, match="expected what `import` writes"):
         sets_in(tmp_path)
 
 
 def test_an_option_may_take_several_folders():
-    from bench.__main__ import _each_named
-
     given = ["--quick", "--public", "a", "b", "--json=-", "c"]
     assert _each_named(given) == ["--quick", "--public", "a", "--public", "b", "--json=-", "c"]
     assert _each_named(["--json=-"]) == ["--json=-"]
@@ -116,9 +98,6 @@ def test_an_option_may_take_several_folders():
 
 def test_the_ellipse_holds_the_label_of_real_sets(mit_pushes, real_pushes):
     """With all pushes, where what friction does otherwise than Coulomb's is most of the error."""
-    from bench.public_pushes import _center, sets_in
-    from pushfric_core import believe
-
     sets = [one for folder in (mit_pushes, real_pushes) for one in sets_in(folder)]
     held = [_center(believe(one.model.support_points, one.data), one.label)["held"] for one in sets]
     assert len(held) == 16
@@ -128,9 +107,6 @@ def test_the_ellipse_holds_the_label_of_real_sets(mit_pushes, real_pushes):
 @pytest.mark.parametrize(("mu_c", "slides"), [(9.0, False), (0.2, True)])
 def test_the_closed_form_balances_forces(mu_c, slides):
     """The force passes through the contact, within the cone, at whose edge the contact slides; the tip drives the contact."""
-    from bench.public_pushes import ellipsoid_motion
-    from pushfric_core import NamedEllipsoid
-
     form = NamedEllipsoid(1.0, 0.03, np.array((0.01, -0.005))).form()
     point, normal, velocity = (np.array(one) for one in ((-0.04, 0.01), (-1.0, 0.0), (0.02, 0.05)))
     vx, vy, omega = ellipsoid_motion(form, mu_c, point, normal, velocity)

@@ -1,4 +1,4 @@
-"""The live view in a browser, on a simulated cell of real processes; one run for all tests of this module, in order."""
+"""The live view in a browser, on a simulated cell of real processes; one run for all tests that need one, in order."""
 
 import base64
 import contextlib
@@ -62,51 +62,6 @@ FILM, LONGEST_MS = (720, 624), 600
 expect.set_options(timeout=PATIENCE * 1e3)
 
 
-@pytest.fixture(scope="module")
-def running(browser, tmp_path_factory):
-    """The address of a run with a view, and its processes: slow pushes, so that one can be stopped on its way."""
-    folder = tmp_path_factory.mktemp("cell")
-    pushes = ("{edge: 0, offset: 0.03}", "{edge: 2, offset: -0.02}")
-    (folder / "plan.yaml").write_text(f"pushes: [{', '.join(pushes * (PUSHES // 2))}]")
-    plan = PlanConfig(str(folder / "plan.yaml"), distance=STROKE, speed=0.01)
-    cell = dataclasses.replace(demo_cell(OBJECT, folder), plan=plan)
-    specs = graph.simulated_cell(cell, str(folder / "bag"), seed=1, speed=1.0)
-    said, served = [], threading.Event()
-
-    def say(name: str, line: str) -> None:
-        print(f"{name}: {line}")  # pytest shows it if a test fails
-        said.append((name, line))
-        if name == "view" and line.startswith("http"):  # the middleware may have something to say, too
-            served.set()
-
-    over = threading.Event()
-
-    def supervise() -> None:
-        while not over.wait(0.05):
-            ended = supervisor.poll()
-            if ended is not None:
-                print(ended)
-                return
-
-    with Supervisor(graph.with_view(specs, OBJECT, ViewConfig()), graph.NAMESPACE, say) as supervisor:
-        thread = threading.Thread(target=supervise)
-        thread.start()
-        try:
-            assert served.wait(PATIENCE), said
-            (url,) = [line for name, line in said if name == "view" and line.startswith("http")]
-            assert url.startswith("http://127.0.0.1:")
-            yield url, supervisor
-        finally:
-            over.set()
-            thread.join()
-
-
-@pytest.fixture(scope="module")
-def url(running) -> str:
-    """Where the run is shown."""
-    return running[0]
-
-
 @contextlib.contextmanager
 def visit(browser: Browser, url: str, **kwargs):
     """A page of a new visitor, on which nothing fails, and nothing moves that was not asked to."""
@@ -131,267 +86,6 @@ def make_small(path: pathlib.Path) -> None:
     """Fewer colours for a picture of the docs."""
     Image.open(path).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
     assert path.stat().st_size < 200_000
-
-
-def first_row(page: Page) -> list[str]:
-    """The table's line of the first push, once an observation of the second has come: from then on it stays as it is."""
-    expect(page.locator('#rows tr[data-push="1"] td').nth(1)).to_have_text(re.compile("^[1-9]"))
-    return page.locator("#rows tr").first.locator("td").all_text_contents()  # of rows out of sight, too
-
-
-def test_the_page_shows_the_run(browser, url):
-    with visit(browser, url) as page:
-        expect(page.locator("#object")).to_have_text(OBJECT)
-        expect(page.locator("#prompt")).to_contain_text(f"of {PUSHES}")
-        expect(page.locator("#points")).to_contain_text("observation")
-        expect(page.locator("#center")).to_contain_text("mm")
-        expect(page.locator("#overlay")).to_be_visible()
-        expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
-        expect(page.locator("#drawing .weight")).not_to_have_count(0)
-        expect(page.locator("#drawing .tip")).to_have_count(1)
-        for node in ("tracker", "actuator", "estimator", "experiment", "recorder", "view"):
-            expect(page.locator(f'#nodes [data-node="node/{node}"]')).to_have_count(1)
-
-
-def test_a_reload_and_another_visitor_see_everything_so_far(browser, url):
-    with visit(browser, url) as page, visit(browser, url) as other:
-        seen = first_row(page)
-        assert int(seen[1]) > 0
-        assert first_row(other) == seen
-        page.reload()
-        assert first_row(page) == seen
-
-
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_phone_shows_it_without_scrolling_sideways(browser, url, scheme):
-    with visit(browser, url, viewport={"width": 360, "height": 740}, color_scheme=scheme, is_mobile=True) as page:
-        first_row(page)
-        assert page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]") == [360, 360]
-        expect(page.locator("#stop")).to_be_in_viewport()
-
-
-@pytest.mark.parametrize("width", [1280, 360])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, scheme, width):
-    """Contrast, names and roles, by the rules of axe-core."""
-    if not AXE.exists():
-        pytest.skip("no axe-core: npm install --no-package-lock --prefix test brings it")
-    with visit(browser, url, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
-        first_row(page)
-        page.locator("#nodes details").first.evaluate("details => { details.open = true; }")
-        assert violations(page) == {}
-
-
-def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
-    with visit(browser, url) as page:
-        first = first_row(page)
-        expect(page.locator('#rows tr[data-push="1"] td').nth(2)).to_have_text(re.compile("[0-9]"))
-        slider, name = page.locator("#moment"), page.locator("#moment_name")
-        expect(name).to_have_text("now")
-        slider.press("Home")
-        expect(name).to_have_text(re.compile(f"^push 1, observation 1 of {first[1]}, "))
-        expect(page.locator("#prediction_caption")).to_contain_text("Nothing was predicted")
-        expect(page.locator("#drawing .tip")).to_have_count(0)
-        page.locator("#compare").press("Enter")
-        slider.press("PageDown")
-        expect(name).to_have_text(re.compile(f"^push 1, observation {first[1]} of {first[1]}, "))
-        expect(slider).to_have_attribute("aria-valuetext", name.inner_text())
-        expect(page.locator("#center")).to_contain_text(f"{first[2]}, {first[3]}")
-        expect(page.locator("#pushes")).to_have_text("of 1 push")
-        expect(page.locator("#drawing .weight")).not_to_have_count(0)
-        expect(page.locator("#shown_name")).to_have_text(f"push 1, {first[1]} of {first[1]}")
-        expect(page.locator("#comparison tbody tr").first.locator("td").nth(1)).to_have_text(first[2])
-        slider.press("ArrowRight")
-        expect(name).to_have_text(re.compile("^push 2, observation 1 of "))
-        expect(page.locator("#prediction_caption")).to_contain_text("° off")
-        expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
-        expect(page.locator("#seen")).to_have_text(re.compile(r"^Taken \d+\.\d s (before|after) this moment"))
-        page.locator("#compare").press("Enter")
-        expect(page.locator("#comparison")).to_be_hidden()
-        page.locator("#to_now").press("Enter")
-        expect(name).to_have_text("now")
-        expect(page.locator("#drawing .tip")).to_have_count(1)
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory) -> str:
-    """Address of the page of a recorded run."""
-    file = tmp_path_factory.mktemp("recorded") / "page.html"
-    command = ["report", str(pathlib.Path(__file__).parents[2] / "bags/rubber_rect4"), "--html", str(file)]
-    subprocess.run([sys.executable, "-m", "pushfric_core", *command], check=True)
-    return file.as_uri()
-
-
-TOO_NARROW = """[...document.querySelectorAll("section.wide td")]
-  .filter(cell => cell.scrollWidth > cell.clientWidth + 1).map(cell => cell.textContent)"""
-"""The cells that their text does not fit in, so that it lies over the next one's."""
-
-
-@pytest.mark.parametrize("width", [1280, 360])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width):
-    """In one file, by keys alone."""
-    with visit(browser, recorded, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
-        expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, observation (\d) of \1, "))
-        expect(page.locator("#stop")).to_be_hidden()
-        expect(page.locator("#trust")).to_contain_text("may be used")
-        page.locator("#moment").press("PageUp")
-        page.locator("#compare").press("Enter")
-        for _ in range(4):
-            page.locator("#moment").press("PageUp")
-        expect(page.locator("#pinned_name")).to_have_text(re.compile("^push 13, "))
-        expect(page.locator("#shown_name")).to_have_text(re.compile("^push 9, "))
-        expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
-        expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
-        assert page.evaluate("document.documentElement.scrollWidth") == width
-        assert page.evaluate(TOO_NARROW) == []
-        assert violations(page) == {}
-
-
-def test_a_report_prints_on_two_sheets(browser, recorded):
-    """Also from dark colours; all of it is text and lines, none of it a picture."""
-    with contextlib.closing(browser.new_page(color_scheme="dark")) as page:  # on paper, everything moves
-        page.goto(recorded)
-        expect(page.locator("#line .curve")).not_to_have_count(0)
-        printed = page.pdf(prefer_css_page_size=True)
-        assert len(re.findall(rb"/Type /Page\b", printed)) == 2
-        assert b"/Subtype /Image" not in printed
-        page.emulate_media(media="print")
-        assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--card')") == "#ffffff"
-        for part in ("#plane", "#friction", "#time", "#predictions", "#table", "#settings", "#trust"):
-            expect(page.locator(part)).to_be_visible()
-
-
-COUNT_TONES = """() => {
-  window.tones = 0;
-  const start = OscillatorNode.prototype.start;
-  OscillatorNode.prototype.start = function (...when) { window.tones += 1; return start.apply(this, when); };
-}"""
-
-
-def begins(state: PusherState) -> bool:
-    """Whether a push has begun to move, and most of its way is ahead."""
-    return state.push_id != PusherState.NO_PUSH and 0.002 < state.position < STROKE / 4
-
-
-def test_a_click_stops_a_push(browser, url, ros):
-    states: list[PusherState] = []
-    ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
-    with visit(browser, url) as page:
-        page.evaluate(COUNT_TONES)
-        page.locator("#sound").press("Enter")
-        expect(page.locator("#sound")).to_have_attribute("aria-pressed", "true")
-        page.wait_for_function("window.tones > 0")
-        expect(page.locator("#stop")).to_be_enabled()
-        ros.wait_for(lambda: states and begins(states[-1]), PATIENCE, "a push")
-        pushed = states[-1].push_id
-        page.evaluate("window.tones = 0")
-        page.locator("#stop").click()
-        ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
-        expect(page.locator("#answer")).to_contain_text("nothing moves until")
-        expect(page.locator("#prompt")).to_contain_text("press Reset")
-        page.wait_for_function("window.tones > 0")
-        at_rest = states[-1].position
-        assert 0 < at_rest < STROKE
-        expect(page.locator(f'#rows tr[data-push="{pushed}"]')).to_contain_text("aborted")
-        count = len(states)
-        ros.wait_for(lambda: len(states) > count + 20, PATIENCE, "more states")
-        assert {state.position for state in states[count:]} == {at_rest}
-        page.locator("#reset").click()
-        expect(page.locator("#answer")).to_contain_text("released")
-        expect(page.locator("#prompt")).to_contain_text("Repeat it, skip it, or end the run?")
-        expect(page.locator("#details")).to_contain_text("experiment/repeat")
-        page.locator("#repeat").click()
-        expect(page.locator("#answer")).to_contain_text("is repeated")
-        ros.wait_for(lambda: states[-1].push_id == pushed + PUSHES, PATIENCE, "the same push again")
-        expect(page.locator(f'#rows tr[data-push="{pushed + PUSHES}"]')).to_contain_text(f"{pushed + 1} (again)")
-
-
-def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
-    """Its connection was cut before the push, and another button has the focus."""
-    states: list[PusherState] = []
-    ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
-    context = browser.new_context()
-    page = context.new_page()
-    sockets = []
-    page.route_web_socket("**/live*", lambda socket: sockets.append((socket, len(sockets) == 0 and socket.connect_to_server())))
-    page.goto(url)
-    expect(page.locator("#stop")).to_be_enabled()
-    expect(page.locator("#prompt")).to_have_attribute("role", "status")
-    expect(page.locator("#skip")).to_be_enabled()
-    page.locator("#skip").focus()
-    expect(page.locator("#skip")).to_be_focused()
-    sockets[0][0].close()
-    expect(page.locator("#connection")).to_contain_text(re.compile(r"no connection for \d+ s"))
-    expect(page.locator("#stop")).to_be_enabled()
-    ros.wait_for(lambda: states and begins(states[-1]), PATIENCE, "a push")
-    page.keyboard.press("Space")
-    ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
-    expect(page.locator("#answer")).to_contain_text("nothing moves until")
-    context.close()
-    with visit(browser, url) as other:
-        other.locator("#reset").click()
-        expect(other.locator("#answer")).to_contain_text("released")
-        expect(other.locator("#skip")).to_be_enabled()
-        expect(other.locator("#prompt")).to_contain_text("Repeat it")
-        other.locator("#skip").press("Enter")
-        expect(other.locator("#count")).to_contain_text("skipped")
-
-
-def test_a_push_is_excluded_and_another_given_up(browser, url):
-    with visit(browser, url) as page, visit(browser, url) as other:
-        page.locator("#rows tr").first.get_by_role("button").click()
-        for one in (page, other):
-            expect(one.locator("#rows tr").first).to_contain_text("excluded")
-            expect(one.locator("#rows tr").first.get_by_role("button")).to_have_text("Keep")
-        expect(page.locator("#answer")).to_have_text(re.compile("^Exclude push 1: .* observations"))
-        deadline = time.monotonic() + PATIENCE
-        while "is skipped" not in page.locator("#answer").inner_text():  # between two pushes there is no push to give up
-            assert time.monotonic() < deadline
-            expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
-            with page.expect_response("**/skip"):
-                page.locator("#skip").click()
-
-
-OF_NOW = {
-    "tracker": "#seen, #place, #map .way, #map .outline",
-    "simulated_cell": "#seen, #place, #map .way, #map .outline",
-    "actuator": "#drawing .tip, #map .tip",
-    "experiment": "#place, #map .ghost",
-    "estimator": "#trust",
-    "recorder": "",
-    "view": "#seen, #place, #trust, #map .way, #map .outline, #drawing .tip, #map .tip",
-}
-"""What each node says of the present, or what is drawn from it."""
-
-CLAIMS = r"""(of) => of && [...document.querySelectorAll(of)]
-  .filter(one => one instanceof SVGElement || /✓|\d mm/.test(one.textContent)).map(one => one.id || one.classList[0])"""
-"""Those of them that are drawn, or hold a tick or a distance."""
-
-
-@pytest.mark.parametrize("node", OF_NOW)
-def test_nothing_that_a_node_says_is_shown_beyond_its_age(browser, running, node, monkeypatch):
-    """Also to a visitor who comes late."""
-    url, supervisor = running
-    # a stopped process would be taken for hung before it goes on
-    monkeypatch.setattr("pushfric_ros.graph.supervisor.STOPPED", 60.0)
-    late = contextlib.nullcontext() if node == "view" else visit(browser, url)
-    with visit(browser, url) as page:
-        row = page.locator(f'#nodes [data-node="node/{node}"]')
-        expect(row).not_to_have_class("stale")
-        process = supervisor.processes[node]
-        os.kill(process, signal.SIGSTOP)
-        try:
-            expect(row).to_have_class("stale")
-            expect(row).to_contain_text("does not report")
-            page.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[node])
-            with late as other:
-                if other is not None:
-                    expect(other.locator(f'#nodes [data-node="node/{node}"]')).to_have_class("stale")
-                    other.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[node])
-        finally:
-            os.kill(process, signal.SIGCONT)
-        expect(row).not_to_have_class("stale")
 
 
 def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
@@ -750,6 +444,310 @@ def test_a_scan_gives_the_outline(browser, tmp_path):
         assert editor.wait(PATIENCE) == 0
     size = load_object(str(tmp_path / "block.yaml")).outline.size
     np.testing.assert_allclose(size, (0.12, 0.08), atol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def running(browser, tmp_path_factory):
+    """The address of a run with a view, and its processes: slow pushes, so that one can be stopped on its way."""
+    folder = tmp_path_factory.mktemp("cell")
+    pushes = ("{edge: 0, offset: 0.03}", "{edge: 2, offset: -0.02}")
+    (folder / "plan.yaml").write_text(f"pushes: [{', '.join(pushes * (PUSHES // 2))}]")
+    plan = PlanConfig(str(folder / "plan.yaml"), distance=STROKE, speed=0.01)
+    cell = dataclasses.replace(demo_cell(OBJECT, folder), plan=plan)
+    specs = graph.simulated_cell(cell, str(folder / "bag"), seed=1, speed=1.0)
+    said, served = [], threading.Event()
+
+    def say(name: str, line: str) -> None:
+        print(f"{name}: {line}")  # pytest shows it if a test fails
+        said.append((name, line))
+        if name == "view" and line.startswith("http"):  # the middleware may have something to say, too
+            served.set()
+
+    over = threading.Event()
+
+    def supervise() -> None:
+        while not over.wait(0.05):
+            ended = supervisor.poll()
+            if ended is not None:
+                print(ended)
+                return
+
+    with Supervisor(graph.with_view(specs, OBJECT, ViewConfig()), graph.NAMESPACE, say) as supervisor:
+        thread = threading.Thread(target=supervise)
+        thread.start()
+        try:
+            assert served.wait(PATIENCE), said
+            (url,) = [line for name, line in said if name == "view" and line.startswith("http")]
+            assert url.startswith("http://127.0.0.1:")
+            yield url, supervisor
+        finally:
+            over.set()
+            thread.join()
+
+
+@pytest.fixture(scope="module")
+def url(running) -> str:
+    """Where the run is shown."""
+    return running[0]
+
+
+def first_row(page: Page) -> list[str]:
+    """The table's line of the first push, once an observation of the second has come: from then on it stays as it is."""
+    expect(page.locator('#rows tr[data-push="1"] td').nth(1)).to_have_text(re.compile("^[1-9]"))
+    return page.locator("#rows tr").first.locator("td").all_text_contents()  # of rows out of sight, too
+
+
+def test_the_page_shows_the_run(browser, url):
+    with visit(browser, url) as page:
+        expect(page.locator("#object")).to_have_text(OBJECT)
+        expect(page.locator("#prompt")).to_contain_text(f"of {PUSHES}")
+        expect(page.locator("#points")).to_contain_text("observation")
+        expect(page.locator("#center")).to_contain_text("mm")
+        expect(page.locator("#overlay")).to_be_visible()
+        expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
+        expect(page.locator("#drawing .weight")).not_to_have_count(0)
+        expect(page.locator("#drawing .tip")).to_have_count(1)
+        for node in ("tracker", "actuator", "estimator", "experiment", "recorder", "view"):
+            expect(page.locator(f'#nodes [data-node="node/{node}"]')).to_have_count(1)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_it_without_scrolling_sideways(browser, url, scheme):
+    with visit(browser, url, viewport={"width": 360, "height": 740}, color_scheme=scheme, is_mobile=True) as page:
+        first_row(page)
+        assert page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]") == [360, 360]
+        expect(page.locator("#stop")).to_be_in_viewport()
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_keeps_people_from_reading_and_using_the_page(browser, url, scheme, width):
+    """Contrast, names and roles, by the rules of axe-core."""
+    if not AXE.exists():
+        pytest.skip("no axe-core: npm install --no-package-lock --prefix test brings it")
+    with visit(browser, url, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+        first_row(page)
+        page.locator("#nodes details").first.evaluate("details => { details.open = true; }")
+        assert violations(page) == {}
+
+
+def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
+    with visit(browser, url) as page:
+        first = first_row(page)
+        expect(page.locator('#rows tr[data-push="1"] td').nth(2)).to_have_text(re.compile("[0-9]"))
+        slider, name = page.locator("#moment"), page.locator("#moment_name")
+        expect(name).to_have_text("now")
+        slider.press("Home")
+        expect(name).to_have_text(re.compile(f"^push 1, observation 1 of {first[1]}, "))
+        expect(page.locator("#prediction_caption")).to_contain_text("Nothing was predicted")
+        expect(page.locator("#drawing .tip")).to_have_count(0)
+        page.locator("#compare").press("Enter")
+        slider.press("PageDown")
+        expect(name).to_have_text(re.compile(f"^push 1, observation {first[1]} of {first[1]}, "))
+        expect(slider).to_have_attribute("aria-valuetext", name.inner_text())
+        expect(page.locator("#center")).to_contain_text(f"{first[2]}, {first[3]}")
+        expect(page.locator("#pushes")).to_have_text("of 1 push")
+        expect(page.locator("#drawing .weight")).not_to_have_count(0)
+        expect(page.locator("#shown_name")).to_have_text(f"push 1, {first[1]} of {first[1]}")
+        expect(page.locator("#comparison tbody tr").first.locator("td").nth(1)).to_have_text(first[2])
+        slider.press("ArrowRight")
+        expect(name).to_have_text(re.compile("^push 2, observation 1 of "))
+        expect(page.locator("#prediction_caption")).to_contain_text("° off")
+        expect(page.locator("#overlay")).to_have_js_property("naturalWidth", 640)
+        expect(page.locator("#seen")).to_have_text(re.compile(r"^Taken \d+\.\d s (before|after) this moment"))
+        page.locator("#compare").press("Enter")
+        expect(page.locator("#comparison")).to_be_hidden()
+        page.locator("#to_now").press("Enter")
+        expect(name).to_have_text("now")
+        expect(page.locator("#drawing .tip")).to_have_count(1)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> str:
+    """Address of the page of a recorded run."""
+    file = tmp_path_factory.mktemp("recorded") / "page.html"
+    command = ["report", str(pathlib.Path(__file__).parents[2] / "bags/rubber_rect4"), "--html", str(file)]
+    subprocess.run([sys.executable, "-m", "pushfric_core", *command], check=True)
+    return file.as_uri()
+
+
+TOO_NARROW = """[...document.querySelectorAll("section.wide td")]
+  .filter(cell => cell.scrollWidth > cell.clientWidth + 1).map(cell => cell.textContent)"""
+"""The cells that their text does not fit in, so that it lies over the next one's."""
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width):
+    """In one file, by keys alone."""
+    with visit(browser, recorded, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+        expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, observation (\d) of \1, "))
+        expect(page.locator("#stop")).to_be_hidden()
+        expect(page.locator("#trust")).to_contain_text("may be used")
+        page.locator("#moment").press("PageUp")
+        page.locator("#compare").press("Enter")
+        for _ in range(4):
+            page.locator("#moment").press("PageUp")
+        expect(page.locator("#pinned_name")).to_have_text(re.compile("^push 13, "))
+        expect(page.locator("#shown_name")).to_have_text(re.compile("^push 9, "))
+        expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
+        expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        assert page.evaluate(TOO_NARROW) == []
+        assert violations(page) == {}
+
+
+def test_a_report_prints_on_two_sheets(browser, recorded):
+    """Also from dark colours; all of it is text and lines, none of it a picture."""
+    with contextlib.closing(browser.new_page(color_scheme="dark")) as page:  # on paper, everything moves
+        page.goto(recorded)
+        expect(page.locator("#line .curve")).not_to_have_count(0)
+        printed = page.pdf(prefer_css_page_size=True)
+        assert len(re.findall(rb"/Type /Page\b", printed)) == 2
+        assert b"/Subtype /Image" not in printed
+        page.emulate_media(media="print")
+        assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--card')") == "#ffffff"
+        for part in ("#plane", "#friction", "#time", "#predictions", "#table", "#settings", "#trust"):
+            expect(page.locator(part)).to_be_visible()
+
+
+COUNT_TONES = """() => {
+  window.tones = 0;
+  const start = OscillatorNode.prototype.start;
+  OscillatorNode.prototype.start = function (...when) { window.tones += 1; return start.apply(this, when); };
+}"""
+
+
+def begins(state: PusherState) -> bool:
+    """Whether a push has begun to move, and most of its way is ahead."""
+    return state.push_id != PusherState.NO_PUSH and 0.002 < state.position < STROKE / 4
+
+
+def test_a_click_stops_a_push(browser, url, ros):
+    states: list[PusherState] = []
+    ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    with visit(browser, url) as page:
+        page.evaluate(COUNT_TONES)
+        page.locator("#sound").press("Enter")
+        expect(page.locator("#sound")).to_have_attribute("aria-pressed", "true")
+        page.wait_for_function("window.tones > 0")
+        expect(page.locator("#stop")).to_be_enabled()
+        ros.wait_for(lambda: states and begins(states[-1]), PATIENCE, "a push")
+        pushed = states[-1].push_id
+        page.evaluate("window.tones = 0")
+        page.locator("#stop").click()
+        ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
+        expect(page.locator("#answer")).to_contain_text("nothing moves until")
+        expect(page.locator("#prompt")).to_contain_text("press Reset")
+        page.wait_for_function("window.tones > 0")
+        at_rest = states[-1].position
+        assert 0 < at_rest < STROKE
+        expect(page.locator(f'#rows tr[data-push="{pushed}"]')).to_contain_text("aborted")
+        count = len(states)
+        ros.wait_for(lambda: len(states) > count + 20, PATIENCE, "more states")
+        assert {state.position for state in states[count:]} == {at_rest}
+        page.locator("#reset").click()
+        expect(page.locator("#answer")).to_contain_text("released")
+        expect(page.locator("#prompt")).to_contain_text("Repeat it, skip it, or end the run?")
+        expect(page.locator("#details")).to_contain_text("experiment/repeat")
+        page.locator("#repeat").click()
+        expect(page.locator("#answer")).to_contain_text("is repeated")
+        ros.wait_for(lambda: states[-1].push_id == pushed + PUSHES, PATIENCE, "the same push again")
+        expect(page.locator(f'#rows tr[data-push="{pushed + PUSHES}"]')).to_contain_text(f"{pushed + 1} (again)")
+
+
+def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
+    """Its connection was cut before the push, and another button has the focus."""
+    states: list[PusherState] = []
+    ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    context = browser.new_context()
+    page = context.new_page()
+    sockets = []
+    page.route_web_socket("**/live*", lambda socket: sockets.append((socket, len(sockets) == 0 and socket.connect_to_server())))
+    page.goto(url)
+    expect(page.locator("#stop")).to_be_enabled()
+    expect(page.locator("#prompt")).to_have_attribute("role", "status")
+    expect(page.locator("#skip")).to_be_enabled()
+    page.locator("#skip").focus()
+    expect(page.locator("#skip")).to_be_focused()
+    sockets[0][0].close()
+    expect(page.locator("#connection")).to_contain_text(re.compile(r"no connection for \d+ s"))
+    expect(page.locator("#stop")).to_be_enabled()
+    ros.wait_for(lambda: states and begins(states[-1]), PATIENCE, "a push")
+    page.keyboard.press("Space")
+    ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
+    expect(page.locator("#answer")).to_contain_text("nothing moves until")
+    context.close()
+    with visit(browser, url) as other:
+        other.locator("#reset").click()
+        expect(other.locator("#answer")).to_contain_text("released")
+        expect(other.locator("#skip")).to_be_enabled()
+        expect(other.locator("#prompt")).to_contain_text("Repeat it")
+        other.locator("#skip").press("Enter")
+        expect(other.locator("#count")).to_contain_text("skipped")
+
+
+def test_a_push_is_excluded_and_another_given_up(browser, url):
+    with visit(browser, url) as page, visit(browser, url) as other:
+        page.locator("#rows tr").first.get_by_role("button").click()
+        for one in (page, other):
+            expect(one.locator("#rows tr").first).to_contain_text("excluded")
+            expect(one.locator("#rows tr").first.get_by_role("button")).to_have_text("Keep")
+        expect(page.locator("#answer")).to_have_text(re.compile("^Exclude push 1: .* observations"))
+        deadline = time.monotonic() + PATIENCE
+        while "is skipped" not in page.locator("#answer").inner_text():  # between two pushes there is no push to give up
+            assert time.monotonic() < deadline
+            expect(page.locator("#prompt")).to_contain_text(re.compile(f"^Push .* of {PUSHES}"))
+            with page.expect_response("**/skip"):
+                page.locator("#skip").click()
+
+
+OF_NOW = {
+    ("tracker", "actuator", "experiment", "estimator", "recorder"): (
+        "#seen, #place, #map .way, #map .outline, #drawing .tip, #map .tip, #map .ghost, #trust"
+    ),
+    ("simulated_cell",): "#seen, #place, #map .way, #map .outline",
+    ("view",): "#seen, #place, #trust, #map .way, #map .outline, #drawing .tip, #map .tip",
+}
+"""What nodes say of the present, or what is drawn from it. Each of the first says another part."""
+
+CLAIMS = r"""(of) => [...document.querySelectorAll(of)]
+  .filter(one => one instanceof SVGElement || /✓|\d mm/.test(one.textContent)).map(one => one.id || one.classList[0])"""
+"""Those of them that are drawn, or hold a tick or a distance."""
+
+
+@pytest.mark.parametrize("nodes", OF_NOW, ids=lambda nodes: nodes[0])
+def test_nothing_that_nodes_say_is_shown_beyond_its_age(browser, running, nodes, monkeypatch):
+    """Also to a visitor who comes late."""
+    url, supervisor = running
+    # a stopped process would be taken for hung before it goes on
+    monkeypatch.setattr("pushfric_ros.graph.supervisor.STOPPED", 60.0)
+    late = contextlib.nullcontext() if "view" in nodes else visit(browser, url)
+
+    def rows(page: Page):
+        return [page.locator(f'#nodes [data-node="node/{node}"]') for node in nodes]
+
+    with visit(browser, url) as page:
+        for row in rows(page):
+            expect(row).not_to_have_class("stale")
+        processes = [supervisor.processes[node] for node in nodes]
+        for process in processes:
+            os.kill(process, signal.SIGSTOP)
+        try:
+            for row in rows(page):
+                expect(row).to_have_class("stale")
+                expect(row).to_contain_text("does not report")
+            page.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[nodes])
+            with late as other:
+                if other is not None:
+                    for row in rows(other):
+                        expect(row).to_have_class("stale")
+                    other.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[nodes])
+        finally:
+            for process in processes:
+                os.kill(process, signal.SIGCONT)
+        for row in rows(page):
+            expect(row).not_to_have_class("stale")
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import re
 import shutil
 import subprocess
 import sys
-from typing import NamedTuple
 
 import pytest
 from calls import pushfric
@@ -20,27 +19,6 @@ COMMANDS = cli.catalog()
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BAG = ROOT / "bags/rubber_rect4"
 HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
-
-
-class Said(NamedTuple):
-    """How a call of the command line ended, and what it printed."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """Calls the command line in this process, because a process of its own spends most of its time on imports."""
-
-    def called(*arguments):
-        monkeypatch.setattr(sys, "argv", ["pushfric", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return Said(ended.value.code or 0, *capsys.readouterr())
-
-    return called
 
 
 @pytest.mark.parametrize(
@@ -74,6 +52,7 @@ def call(monkeypatch, capsys):
         (["run", "none.yaml"], "none.yaml: cannot be read"),
         (["doctor", "no_outline.yaml", "--json"], "no_outline.yaml: "),
         (["demo", "--json=."], ".: expected the name of a file to write that ends in .json"),
+        (["estimate", "data.csv", "good.csv"], "got 2 inputs; expected one, or --out DIR"),
         (["push"], "no such command 'push'; see pushfric --help"),
         (["estimat", "x"], "no such command 'estimat'; did you mean estimate? see pushfric --help"),
         (["demo", "--sed", "1"], "no such option '--sed'; did you mean --seed? see pushfric demo --help"),

@@ -5,8 +5,12 @@ import re
 import runpy
 import sys
 
+import around_obstacle
 import numpy as np
+import push_to_pose
 import pytest
+import randomised_mujoco
+import subscriber
 from calls import printed as said
 from rclpy.node import Node
 
@@ -17,15 +21,6 @@ from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
-
-
-@pytest.fixture
-def push_to_pose(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    import push_to_pose
-
-    yield push_to_pose
-    del sys.modules["push_to_pose"]
 
 
 def printed(name, capsys):
@@ -54,10 +49,7 @@ def test_an_own_pusher_gets_where_it_is_sent(capsys):
     assert last == "idle at 50.0 mm"
 
 
-def test_a_subscriber_prints_the_last_estimate(ros, monkeypatch, capsys):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    import subscriber
-
+def test_a_subscriber_prints_the_last_estimate(ros, capsys):
     out = ros.node("estimator", namespace="/cell").create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
     msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object="brick", pushes=3, confidence=0.002)
     msg.spread.center_of_friction.x = 0.01
@@ -68,17 +60,7 @@ def test_a_subscriber_prints_the_last_estimate(ros, monkeypatch, capsys):
     assert said == ["brick: p_CF (10.0, 0.0) mm from 3 pushes, off by at most 2.0 mm with 90 %"]
 
 
-@pytest.fixture
-def around_obstacle(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    import around_obstacle
-
-    yield around_obstacle
-    for name in ("around_obstacle", "push_to_pose"):
-        del sys.modules[name]
-
-
-def test_the_way_around_the_obstacle_is_the_shortest(around_obstacle):
+def test_the_way_around_the_obstacle_is_the_shortest():
     radius = around_obstacle.RADIUS + np.hypot(*around_obstacle.OUTLINE.size) / 2
     goal, middle = around_obstacle.GOAL[:2], around_obstacle.OBSTACLE
     seen, hidden = goal + (0.02, 0.1), 2 * middle - goal
@@ -89,7 +71,7 @@ def test_the_way_around_the_obstacle_is_the_shortest(around_obstacle):
     assert bent == pytest.approx(2 * tangent + radius * turn)
 
 
-def test_a_sampling_planner_nears_the_goal_with_the_planner_node(around_obstacle, ros, monkeypatch):
+def test_a_sampling_planner_nears_the_goal_with_the_planner_node(ros, monkeypatch):
     for name, value in {"ROLLOUTS": 48, "ROUNDS": 2, "STEP": 0.01, "FIRST": 3}.items():
         monkeypatch.setattr(around_obstacle, name, value)
 
@@ -122,9 +104,6 @@ def test_a_sampling_planner_nears_the_goal_with_the_planner_node(around_obstacle
 
 
 def test_scenes_of_the_ensemble_differ(monkeypatch, tmp_path, capsys):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    import randomised_mujoco
-
     model = tmp_path / "model.yaml"
     said("estimate", EXAMPLES.parent / "bags/rubber_rect4", "--save", model)
     monkeypatch.setattr(randomised_mujoco, "LENGTH", 0.01)
@@ -132,10 +111,9 @@ def test_scenes_of_the_ensemble_differ(monkeypatch, tmp_path, capsys):
     first, second, last = capsys.readouterr().out.splitlines()
     assert first != second
     assert last.startswith("standard deviation: (")
-    del sys.modules["randomised_mujoco"]
 
 
-def test_the_planner_brings_the_object_nearer(push_to_pose, ros, monkeypatch, tmp_path):
+def test_the_planner_brings_the_object_nearer(ros, monkeypatch, tmp_path):
     small = {"STROKES": 4, "CANDIDATES": 40, "REFINEMENTS": (0.1, 0.03), "FARTHEST": (0.03, 0.03, 0.3)}
     for name, value in small.items():
         monkeypatch.setattr(push_to_pose, name, value)
@@ -158,7 +136,7 @@ def test_the_planner_brings_the_object_nearer(push_to_pose, ros, monkeypatch, tm
 
 
 @pytest.fixture
-def cell(push_to_pose, ros):
+def cell():
     """A function that makes a cell, its node not spun by others."""
     nodes = []
 
@@ -171,11 +149,12 @@ def cell(push_to_pose, ros):
         node.destroy_node()
 
 
-def test_a_node_that_is_missing_is_named(push_to_pose, cell, ros, monkeypatch):
+def test_a_node_that_is_missing_is_named(cell, ros, monkeypatch):
     monkeypatch.setattr(push_to_pose, "PATIENCE", 0.5)
     with pytest.raises(SystemExit, match="error: no planner in /even: start the nodes as the first lines"):
         cell("wood_rect3", "/even").wait(learns=False)
-    monkeypatch.setattr(push_to_pose, "PATIENCE", 10.0)
     ros.compose(PlannerNode(namespace="/learned"))
+    learning = cell("wood_rect3", "/learned")
+    ros.wait_for(learning._strokes.service_is_ready, what="the planner")
     with pytest.raises(SystemExit, match="error: no estimator in /learned: start the nodes as the first lines"):
-        cell("wood_rect3", "/learned").wait()
+        learning.wait()

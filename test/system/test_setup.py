@@ -57,22 +57,6 @@ def set_up(workspace: pathlib.Path, *overlays: pathlib.Path) -> str:
     return done.stderr
 
 
-def test_each_environment_has_a_build_of_its_own(workspace, tmp_path):
-    said = re.sub(r"(?m)^pushfric: +\d+ s  .*\n", "", set_up(workspace))  # without how far a step is
-    _, build, steps = shown("docs/tutorial.md", "./pushfric setup").partition("pushfric: building")
-    assert has_the_form(said, build + steps), said
-    first = (workspace / "install").resolve()
-    assert (first / "local_setup.bash").is_file()
-    said = set_up(workspace, tmp_path / "theirs")
-    second = (workspace / "install").resolve()
-    assert "a different ROS 2 environment is sourced" in said
-    assert second != first
-    assert (second / "local_setup.bash").is_file()
-    assert (first / "local_setup.bash").is_file()  # whatever runs from there runs on
-    assert "building" not in set_up(workspace)  # the first environment again: its build is still there
-    assert (workspace / "install").resolve() == first
-
-
 LEFT_BEHIND = (
     "build/lib/tiny.py",
     "dist/tiny-0.0.1.tar.gz",
@@ -88,14 +72,32 @@ LEFT_BEHIND = (
 )
 
 
-def test_what_builds_and_editors_leave_behind_builds_nothing_again(workspace):
-    assert "building" in set_up(workspace)
+def test_a_workspace_is_built_for_each_environment_and_again_only_for_what_changed(workspace, tmp_path):
+    (workspace / "install").mkdir()
+    (workspace / "install/mine").write_text("mine")  # as colcon makes it by hand
+    said = re.sub(r"(?m)^pushfric: +\d+ s  .*\n", "", set_up(workspace))  # without how far a step is
+    _, build, steps = shown("docs/tutorial.md", "./pushfric setup").partition("pushfric: building")
+    assert has_the_form(said, build + steps), said
+    first = (workspace / "install").resolve()
+    assert (first / "local_setup.bash").is_file()
+    assert next((workspace / ".colcon").glob("*/install-before/mine")).read_text() == "mine"
     for name in LEFT_BEHIND:
         (workspace / "src/tiny" / name).parent.mkdir(parents=True, exist_ok=True)
         (workspace / "src/tiny" / name).write_text("left")
-    assert set_up(workspace) == ""
+    assert set_up(workspace) == ""  # what builds and editors leave behind builds nothing again
     (workspace / "src/tiny/setup.cfg").write_text((workspace / "src/tiny/setup.cfg").read_text() + "# changed\n")
     assert "building" in set_up(workspace)
+    said = set_up(workspace, tmp_path / "theirs")
+    second = (workspace / "install").resolve()
+    assert "a different ROS 2 environment is sourced" in said
+    assert second != first
+    assert (second / "local_setup.bash").is_file()
+    assert (first / "local_setup.bash").is_file()  # whatever runs from there runs on
+    assert "building" not in set_up(workspace)  # the first environment again: its build is still there
+    assert (workspace / "install").resolve() == first
+    set_up(workspace)  # what is built last is newer than the first look at it
+    (workspace / "set_up.py").write_text("raise SystemExit('set up again')")  # any other call notices that
+    assert "set up again" in subprocess.run([workspace / "pushfric", "estimate"], capture_output=True, text=True).stderr
 
 
 def test_the_script_knows_all_that_a_build_copies(script):
@@ -146,14 +148,6 @@ except KeyboardInterrupt:
     child = pathlib.Path(f"/proc/{(tmp_path / 'child').read_text().strip()}/stat")
     while child.exists() and child.read_text().rpartition(")")[2].split()[0] != "Z":
         time.sleep(0.01)
-
-
-def test_a_folder_that_colcon_made_by_hand_is_kept(workspace):
-    (workspace / "install").mkdir()
-    (workspace / "install/mine").write_text("mine")
-    set_up(workspace)
-    assert (workspace / "install").is_symlink()
-    assert next((workspace / ".colcon").glob("*/install-before/mine")).read_text() == "mine"
 
 
 @pytest.fixture
@@ -282,13 +276,6 @@ def test_a_second_set_up_waits_and_says_so(checkout):
         assert "another call sets up" in second.stderr.readline()
         assert second.poll() is None
     assert second.communicate() == ("mine\n", "")
-
-
-def test_a_call_that_finds_everything_made_loads_no_set_up(workspace):
-    set_up(workspace)
-    set_up(workspace)  # what is built last is newer than the first look at it
-    (workspace / "set_up.py").write_text("raise SystemExit('set up again')")
-    assert "set up again" in subprocess.run([workspace / "pushfric", "estimate"], capture_output=True, text=True).stderr
 
 
 def test_the_cache_of_uv_stays_as_it_is(script, tmp_path, monkeypatch):

@@ -27,12 +27,9 @@ pushes:
   - {edge: 1, offset: 0.01}
   - {edge: 3, offset: -0.01}
   - {edge: 0, offset: -0.03}
-  - {edge: 2, offset: 0.03}
-  - {edge: 1, offset: -0.01}
-  - {edge: 3, offset: 0.01}
 """
-PUSHES = 8
-STOPPED, COVERED, MISPLACED = 1, 3, 5
+PUSHES = 5
+STOPPED, COVERED, MISPLACED = 1, 2, 3
 """Indices of the pushes in which something happens."""
 
 TRUE, SHOWN = "camera/image_raw", "image_raw"
@@ -48,7 +45,7 @@ from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
 
 folder = pathlib.Path(sys.argv[1])
-plan = PlanConfig(str(folder / "plan.yaml"), distance=0.04, speed=0.01)
+plan = PlanConfig(str(folder / "plan.yaml"), distance=0.03, speed=0.01)
 specs = graph.simulated_cell(replace(demo_cell("wood_rect4", folder), plan=plan), str(folder / "bag"), seed=1, speed=1.0)
 changed = {{
     "simulated_cell": lambda spec: replace(spec, remappings={{**spec.remappings, "{SHOWN}": "{TRUE}"}}),

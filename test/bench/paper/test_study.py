@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from bench.paper import pushes, spoilt, study
-from pushfric_core.errors import InvalidInput
 from pushfric_core.mechanics import simulation
 
 PLANS = ("all", "eight")
@@ -56,9 +55,3 @@ def test_a_summary_counts_only_what_was_told():
     assert cell["error_median"] == pytest.approx(2.0)
     assert (cell["middle_to_optimum"], cell["radius_to_errors"]) == (pytest.approx(0.8), pytest.approx(1.875))
     assert np.isfinite(cell["error_p90"])
-
-
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(InvalidInput, match="the folder cannot be created"):
-        study.study(tmp_path / "file", 1, jobs=1)

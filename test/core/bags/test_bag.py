@@ -230,22 +230,6 @@ def test_recovery_saves_the_whole_chunks(tmp_path, flushed, kept):
         assert {c.digest for c in reader.connections} <= {message_types.type_hash(STRING)}
 
 
-def test_recovery_saves_what_lies_around_damage(tmp_path, flushed):
-    content, written = flushed
-    damaged = bytearray(content)
-    damaged[content.index(b"zstd", content.index(b"zstd") + 1) + 20] ^= 0xFF  # in the second chunk
-    (tmp_path / "damaged.mcap").write_bytes(damaged)
-    bag = Bag(tmp_path / "damaged.mcap")
-    with pytest.raises(
-        DamagedBag, match=r"3 of 12 messages are missing: 3 of /cell/text \(damaged\.mcap: .* from 0\.000 s to 0\.000 s"
-    ):
-        bag.require_whole()
-    ((_, gap),) = bag.damage.gaps
-    assert (gap.after_ns, gap.before_ns) == (3000, 7000)
-    assert recover(tmp_path / "damaged.mcap", tmp_path / "out").damage == bag.damage
-    assert [(m.log_time_ns, m.raw) for m in Bag(tmp_path / "out").messages()] == written[:3] + written[6:]
-
-
 def test_what_was_flushed_survives_a_killed_process(tmp_path):
     script = f"""
 import os, signal, test_bag
@@ -331,20 +315,6 @@ def test_a_recovery_that_cannot_be_written_leaves_no_folder(tmp_path, rng, size)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert [one.name for one in tmp_path.iterdir()] == ["bag"]
-
-
-def test_messages_of_a_channel_that_is_lost_are_left_out(tmp_path):
-    """Without chunks there are no checksums: a damaged number of a channel shows only in what refers to it."""
-    path = tmp_path / "loose.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, use_chunking=False)
-        writer.start(profile="ros2")
-        channel = writer.register_channel("/text", "cdr", writer.register_schema(STRING, "ros2msg", b"string data"))
-        writer.add_message(channel, 1, text("kept"), 1)
-        writer.add_message(channel + 1, 2, text("of nobody"), 2)
-        writer.finish()
-    assert recover(path, tmp_path / "out").summary.message_count == 1
-    assert [content(m).data for m in Bag(tmp_path / "out").messages()] == ["kept"]
 
 
 # --- refused ---

@@ -14,7 +14,6 @@ import sys
 import numpy as np
 import pytest
 import rearranged
-import yaml
 import zstandard
 from calls import invoked
 from mcap.opcode import Opcode
@@ -214,7 +213,7 @@ def test_no_damaged_byte_of_any_record_is_silent(tmp_path, rng, layout, finished
     topics, original = whole.summary.topics, list(whole.messages())
     assert (whole.damage is None) == finished
     end = len(content) if finished else content.rindex(b"\x06", 0, len(content))
-    sampled = places_of_each_kind(content[:end], rng, 12) if finished else {"any": rng.choice(len(content), 150).tolist()}
+    sampled = places_of_each_kind(content[:end], rng, 8) if finished else {"any": rng.choice(len(content), 80).tolist()}
     assert len(sampled) > (13 if finished else 0)
     for kind, places in sampled.items():
         for place in places:
@@ -360,13 +359,6 @@ def test_parts_that_do_not_add_up_are_named_and_refused(tmp_path):
     def without_1(folder):
         (folder / "bag_1.mcap").unlink()
 
-    def not_listed(folder):
-        path = folder / "metadata.yaml"
-        information = yaml.safe_load(path.read_text())
-        inner = information["rosbag2_bagfile_information"]
-        del inner["relative_file_paths"][1], inner["files"][1]
-        path.write_text(yaml.safe_dump(information))
-
     def doubled(folder):
         shutil.copy(folder / "bag_1.mcap", folder / "again.mcap")
 
@@ -375,10 +367,7 @@ def test_parts_that_do_not_add_up_are_named_and_refused(tmp_path):
 
     cases = [
         (without_1, True, ["lists bag_1.mcap, which is not there", "messages are missing: "]),
-        (without_1, False, ["not those of one bag, with the numbers 0 to 1: bag_0.mcap, bag_2.mcap"]),
-        (not_listed, True, ["metadata.yaml does not list bag_1.mcap, which lies in the folder"]),
         (doubled, True, ["does not list again.mcap, which lies in the folder and is not read"]),
-        (doubled, False, ["not those of one bag, with the numbers 0 to 3: bag_0.mcap"]),
         (numbered_twice, False, ["not those of one bag, with the numbers 0 to 2: bag_0.mcap, bag_01.mcap, bag_1.mcap"]),
     ]
     for number, (damage, metadata, expected) in enumerate(cases):
@@ -403,50 +392,6 @@ def test_what_cannot_be_known_of_the_last_part_is_said(tmp_path):
     assert "nothing says whether a part 2 was recorded" in " ".join(said.split())
     recover(folder, tmp_path / "out")
     assert "nothing says whether a part 2 was recorded" in verified(tmp_path / "out")[1]
-
-
-def with_unchecked_chunk(path: pathlib.Path, messages: list[BagMessage], number: int) -> int:
-    """Write a file in which one chunk has no checksum and one pose of it is moved by 4 mm; returns its number of messages."""
-    layout = rearranged.Layout(1, CompressionType.NONE, 2**14, True, "libmcap 1.2", True, True, False)
-    (content,) = rearranged.files_of(messages, 1, layout)
-    chunks = rearranged.chunks_of(content)
-    poses = [one for one in messages if one.topic == "/cell/object_pose" and one.raw in chunks[number]]
-    place = chunks[number].index(poses[0].raw) + poses[0].raw.index(b"table\0") + 8
-    place += -(place - chunks[number].index(poses[0].raw) - 4) % 8
-    (x,) = struct.unpack_from("<d", chunks[number], place)
-    assert 0 < abs(x) < 1
-    moved = bytearray(chunks[number])
-    struct.pack_into("<d", moved, place, x + 0.004)
-    moved[33:37] = bytes(4)  # its checksum
-    chunks[number] = bytes(moved)
-    path.write_bytes(rearranged.with_chunks(content, chunks, mended=False))
-    (length,) = struct.unpack_from("<Q", moved, 1)
-    inside = MAGIC + bytes(moved[9 + 40 : 9 + length]) + MAGIC
-    return sum(code == Opcode.MESSAGE for code, _, _ in rearranged.records_of(inside))
-
-
-@pytest.mark.parametrize("number", [3, 17])
-def test_what_no_checksum_confirms_is_refused_and_noted_when_it_is_saved(tmp_path, number):
-    (tmp_path / "hurt").mkdir()
-    path = tmp_path / "hurt/hurt_0.mcap"
-    inside = with_unchecked_chunk(path, messages_of(DEMO), number)
-    shutil.copy(DEMO / "object.yaml", path.parent)
-    bag = Bag(path)
-    assert "the data section fails its checksum" in bag.damage.gaps[0].gap.reason
-    expected = f"{inside} messages may not be what was recorded: no checksum confirms them"
-    with pytest.raises(DamagedBag, match=expected):
-        bag.require_whole()
-    recover(path, tmp_path / "once")
-    recover(tmp_path / "once", tmp_path / "twice")
-    for saved in (tmp_path / "once", tmp_path / "twice"):
-        assert Bag(saved).damage is None
-        assert messages_of(saved) == messages_of(path)
-        assert expected in " ".join(Bag(saved).lost)
-        code, said = verified(saved)
-        assert (code, expected in said) == (1, True)
-    with contextlib.suppress(DamagedBag):
-        _, said = estimated(tmp_path / "twice", "--partial")
-        assert expected in " ".join(said.split())
 
 
 def test_whole_chunks_are_saved_before_and_after_a_damaged_length(tmp_path):

@@ -135,8 +135,8 @@ def test_clocks_and_streams_that_stop_half_way_are_said(recording, tmp_path, cha
 
 @pytest.mark.parametrize(
     ("write", "kinds", "seed"),
-    [(Recording.write, DAMAGES, seed) for seed in range(2 * len(DAMAGES))]
-    + [(Recording.write_elsewhere, STREAM_DAMAGES, seed) for seed in range(4 * len(STREAM_DAMAGES))],
+    [(Recording.write, DAMAGES, seed) for seed in range(len(DAMAGES))]
+    + [(Recording.write_elsewhere, STREAM_DAMAGES, seed) for seed in range(2 * len(STREAM_DAMAGES))],
 )
 def test_nothing_is_lost_in_silence(recording, whole, tmp_path, write, kinds, seed):
     """A sample of the campaign: where observations are lost or changed, the bag does not add up, whatever recorded it."""
@@ -252,14 +252,6 @@ def test_a_loss_before_a_recovery_decides(recording, tmp_path):
         assert run.exit_code == 1
         assert "was recovered; before that, " in " ".join(run.stderr.split())
         assert "whole" not in run.stdout
-
-
-def test_what_lies_between_recorded_pushes_is_missed_by_plan_and_estimate(recording, tmp_path):
-    begin, end = (recording.start + seconds * SECOND for seconds in (25, 45))
-    bag = recording.write(tmp_path / "bag", [m for m in recording.messages if not begin < m.log_time_ns < end])
-    doubts = " ".join(reading_of(bag)[0].ledger.lines)
-    assert "pushes 4 to 7 are missing: the ids of the pushes jump" in doubts
-    assert re.search(r"the last estimate of the run rests on 72 observations, but the bag holds 4\d of them", doubts)
 
 
 @pytest.mark.parametrize("seconds", [44, 52])

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from calls import printed
 
-from pushfric_core.errors import InvalidInput
 from pushfric_core.files.model_file import ModelFile, load_model, save_model
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -83,20 +82,3 @@ def test_the_fit_error_of_a_model_is_that_of_its_estimate(folder):
 def test_the_keys_of_the_model_are_documented():
     keys = documented("Its keys:")
     assert {key.split(".")[0] for key in keys} == set(ModelFile.model_fields)
-
-
-@pytest.mark.parametrize(
-    ("command", "expected"),
-    [
-        ("predict model.yaml --pushes pushes.csv --object rubber_rect4", "a model has its own object"),
-        ("recognize bags/rubber_rect4 --library none", "none: is not a folder, expected a folder of models"),
-        (
-            "recognize bags/rubber_rect4 --library bags/rubber_rect4",
-            "metadata.yaml: not a model, as `estimate --save` writes it",
-        ),
-        ("recognize bags/rubber_rect4 --library models --grid 3 3", "models have their own support points"),
-    ],
-)
-def test_wrong_input_is_refused_with_a_line(folder, command, expected):
-    with pytest.raises(InvalidInput, match=expected):
-        said(command)

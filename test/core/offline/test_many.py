@@ -159,20 +159,6 @@ def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):
         assert (tmp_path / "out" / rows[name]["model"]).is_file()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("a.csv", "b.csv"), "got 2 inputs; expected one, or --out DIR"),
-        (("a.csv", "--out", "x", "--figure", "f.png"), "are for one input"),
-    ],
-)
-def test_options_that_do_not_go_together_are_refused(arguments, said):
-    run = estimate(*arguments)
-    assert run.returncode == 2
-    assert said in run.stderr
-    assert run.stderr.count("\n") == 1
-
-
 def test_each_way_to_differ_has_its_reason():
     rng = np.random.default_rng(1)
     points, errors, mu_c = rng.normal(0, 1e-3, (40, 2)), np.exp(rng.normal(0, 0.2, 40)), list(rng.normal(0.5, 0.02, 40))

@@ -3,7 +3,6 @@
 import contextlib
 import math
 import os
-import random
 import re
 import signal
 import subprocess
@@ -313,18 +312,6 @@ def test_a_controller_that_restarts_while_its_cable_is_cut_is_not_believed(stage
     stage.line.heal()
     with pytest.raises(NotConnected, match="no greeting within 1 s of a reset"):
         stage.drive(pusher, lambda: False)
-
-
-def test_hosts_that_are_killed_at_random_moments(stage, rng):
-    """A sample: `pushfric rehearse` does it a hundred times, on any controller."""
-    randomly = random.Random(int(rng.integers(2**31)))
-    for _ in range(3):
-        with host(stage) as process:
-            moment = stage.controller.position() + randomly.uniform(0.0005, 0.02)
-            wait_until(lambda moment=moment: stage.controller.position() > moment)
-            process.kill()
-            begin = stage.controller.position()
-            assert stage.rest() - begin <= DEAD_MAN + LATE
 
 
 def test_a_controller_that_falls_mute_is_held(stage):

@@ -39,7 +39,7 @@ from pushfric_core.pushers.push_states import (
     Way,
     at_first,
 )
-from pushfric_core.pushers.state_table import Row, kinds, step
+from pushfric_core.pushers.state_table import kinds, step
 
 DOCUMENT = pathlib.Path(__file__).resolve().parents[3] / "docs/safety.md"
 HOMINGS = list(Homing)
@@ -483,16 +483,6 @@ def test_an_actuator_goes_from_state_to_state(name):
         state = state if following is None else following.state
         assert state >= members, event
         assert actions is ANYTHING or actions == (REFUSED if following is None else list(following.actions)), event
-
-
-def test_an_event_that_no_row_names_is_refused_and_changes_nothing():
-    state = at_first(homes=False)
-    assert step(ACTUATOR, state, Event.GOAL, {Enable.ENABLED, Controller.IDLE}) is None
-    ready = READY | {Task.NONE}
-    assert step(ACTUATOR, frozenset(ready), Event.GOAL, {Enable.DISABLED, Controller.IDLE}) is None
-    accepted = step(ACTUATOR, frozenset(ready), Event.GOAL, {Enable.ENABLED, Controller.IDLE})
-    assert accepted == (READY | {Task.WAITING}, ())
-    assert Row((Event.GOAL,), {Task.NONE, Task.WAITING}).applies(Event.GOAL, frozenset({Task.WAITING}))
 
 
 # The document

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from problems import rows_of
-from scipy.optimize import linprog
+from programs import group, highs, pushes
 
-from pushfric_core.geometry.planar import Twist, cross, left_of
+from pushfric_core.geometry.planar import Twist, left_of
 from pushfric_core.program.constraint_rows import ConstraintRows, stack
 from pushfric_core.program.constraints import (
     Cone,
@@ -26,67 +26,21 @@ from pushfric_core.trajectories.observation import Observation
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-@pytest.fixture(autouse=True, params=["balls", "small balls"])
+@pytest.fixture(autouse=True)
 def sizes(request, monkeypatch):
-    """Each test also runs with small balls, in which few rows stay unsettled, so that small programs settle and sort rows."""
-    if request.param == "small balls":
+    """Small balls, in which few rows stay unsettled, so that small programs settle and sort rows; or those of the module."""
+    if getattr(request, "param", "small balls") == "small balls":
         monkeypatch.setattr(basis, "ROOM", 4)
         for name, rows in (("CLOSE", 2), ("CLOSE_PER_COLUMN", 1), ("FAR", 4)):
             monkeypatch.setattr(simplex_module, name, rows)
 
 
+OWN_SIZES = pytest.mark.parametrize("sizes", ["balls"], indirect=True)
+BOTH_SIZES = pytest.mark.parametrize("sizes", ["balls", "small balls"], indirect=True)
+
+
 def examples(count):
     return settings(derandomize=True, deadline=None, max_examples=count)
-
-
-def highs(rows, n=None, direction=None, limit=None):
-    """Optimal F, or None if the hard rows contradict each other; or the least direction . w for which F is within its limit."""
-    m, columns = rows.a.shape
-    n = n or columns
-    sides = np.concatenate((rows.above, rows.below))
-    cost = np.concatenate((np.zeros(columns), np.where(np.isinf(sides), 0.0, sides)))
-    weights = np.arange(columns + 2 * m) < n
-    for tolerance in (1e-10, 1e-7):  # with very unequal costs, HiGHS sometimes gives up at the first
-        result = linprog(
-            cost if direction is None else np.concatenate((direction, np.zeros(columns - n + 2 * m))),
-            A_eq=np.vstack((np.hstack((rows.a, -np.eye(m), np.eye(m))), weights)),
-            b_eq=np.append(np.zeros(m), 1.0),
-            A_ub=None if direction is None else cost[None],
-            b_ub=None if direction is None else [limit],
-            bounds=[(0, 1)] * n + [(0, None)] * (columns - n) + [(0, 0 if np.isinf(side) else None) for side in sides],
-            method="highs",
-            options={"primal_feasibility_tolerance": tolerance, "dual_feasibility_tolerance": tolerance},
-        )
-        if result.status in (0, 2):
-            break
-    assert result.status in (0, 2), result.message
-    return result.fun if result.status == 0 else None
-
-
-def group(a, above=1.0, below=1.0):
-    a = np.atleast_2d(np.asarray(a, dtype=float))
-    return ConstraintRows(a, np.broadcast_to(above, len(a)).astype(float), np.broadcast_to(below, len(a)).astype(float))
-
-
-def pushes(rng, n, count, noise=1e-3, bearing=3):
-    """Observations of an object 0.1 m wide that rests on some of n supports: a moment row and the hard row f.n >= 0 of each."""
-    points = rng.uniform(-0.05, 0.05, (n, 2))
-    w = np.zeros(n)
-    bearing = min(n, bearing)
-    w[rng.choice(n, bearing, replace=False)] = rng.dirichlet(np.ones(bearing))
-    groups = []
-    while len(groups) < count:
-        velocities = rng.choice((-1, 1)) * left_of(points - rng.uniform(-0.15, 0.15, 2))
-        directions = -velocities / np.hypot(*velocities.T)[:, None]
-        force, moment = w @ directions, w @ cross(points, directions)
-        if np.hypot(*force) < 0.1:
-            continue
-        contact = left_of(force) * -moment / (force @ force) + noise * rng.normal(size=2)
-        tilt = rng.uniform(-1.4, 1.4)
-        normal = (force * np.cos(tilt) + left_of(force) * np.sin(tilt)) / np.hypot(*force)
-        a = np.stack((cross(points - contact, directions), directions @ normal))
-        groups.append(ConstraintRows(a, np.array((1.0, 0.0)), np.array((1.0, np.inf))))
-    return groups, w
 
 
 def degenerate(kind, rng, n, m):
@@ -194,6 +148,7 @@ def test_an_equality_holds():
     np.testing.assert_allclose(simplex.solve().w, (0.25, 0.25, 0.5), atol=1e-12)
 
 
+@BOTH_SIZES
 @examples(40)
 @given(SEEDS, st.integers(3, 40))
 def test_pushes_agree_with_highs_at_every_observation(seed, n):
@@ -204,8 +159,9 @@ def test_pushes_agree_with_highs_at_every_observation(seed, n):
         assert_optimal(simplex, groups[: k + 1])
 
 
+@BOTH_SIZES
 @pytest.mark.parametrize("kind", KINDS)
-@examples(130)
+@examples(65)
 @given(SEEDS, st.integers(1, 12), st.integers(1, 40), st.booleans(), st.booleans())
 def test_degenerate_data_agree_with_highs_while_rows_come_and_go(kind, seed, n, m, hard, with_scale):
     rng = np.random.default_rng(seed)
@@ -278,32 +234,6 @@ def test_equalities_that_say_the_same_agree_with_highs_while_rows_come_and_go(se
             assert_optimal(simplex, list(present.values()), n, best)
 
 
-@examples(120)
-@given(SEEDS, st.integers(1, 10), st.booleans())
-def test_removing_all_data_and_adding_them_again_equals_a_fresh_program(seed, n, with_scale):
-    rng = np.random.default_rng(seed)
-    groups = [group(rng.normal(size=(rng.integers(4), n + with_scale)), *rng.choice((0.1, 1.0, 2.0), 2)) for _ in range(8)]
-    simplex, present = Simplex(n, with_scale), {}
-    number = 0
-    for again in range(2):
-        for rows in groups:
-            simplex.add(rows)
-            simplex.solve()
-            present[number] = rows
-            number += 1
-        for gone in rng.permutation(list(present))[: 8 if again == 0 else 4]:
-            simplex.remove(gone)
-            del present[gone]
-            fresh = Simplex(n, with_scale)
-            for rows in present.values():
-                fresh.add(rows)
-            assert simplex.solve().objective == pytest.approx(fresh.solve().objective, rel=1e-9, abs=1e-13)
-            assert len(simplex.multipliers()) == sum(len(rows.a) for rows in present.values())
-        if again == 0:
-            assert simplex.solve()[1:5] == pytest.approx((0, 0, 0, 0), abs=1e-14)
-            assert simplex.solve().status is Status.OPTIMAL
-
-
 TERMS = {
     "moment": Moment(),
     "frictionless": Frictionless(0.05),
@@ -315,7 +245,8 @@ TERMS = {
 }
 
 
-@examples(150)
+@BOTH_SIZES
+@examples(60)
 @given(SEEDS, st.integers(1, 15), st.sets(st.sampled_from(sorted(TERMS)), min_size=1), st.booleans(), st.booleans())
 def test_every_constraint_of_the_estimator_agrees_with_highs(seed, n, terms, intervals, collinear):
     rng = np.random.default_rng(seed)
@@ -483,16 +414,6 @@ def test_the_order_of_arrival_does_not_matter(seed, n):
     assert objectives == pytest.approx([objectives[0]] * 3, rel=1e-9)
 
 
-def test_rows_added_together_or_one_by_one_give_the_same(rng):
-    groups, _ = pushes(rng, 20, 100)
-    together, one_by_one = Simplex(20), Simplex(20)
-    together.add(stack(groups, 20))
-    for rows in groups:
-        one_by_one.add(rows)
-        one_by_one.solve()
-    assert together.solve().objective == pytest.approx(one_by_one.solve().objective, rel=1e-9)
-
-
 def test_noiseless_pushes_find_a_perfect_fit(rng):
     groups, truth = pushes(rng, 12, 150, noise=0.0)
     simplex = Simplex(12)
@@ -504,6 +425,7 @@ def test_noiseless_pushes_find_a_perfect_fit(rng):
     np.testing.assert_allclose(optimum.w, truth, atol=1e-9)
 
 
+@OWN_SIZES
 @pytest.mark.parametrize("n", [1, 10])
 def test_thousands_of_rows_settle_and_the_certificate_stays_true(rng, n):
     groups, _ = pushes(rng, n, 4096)  # two rows each: both balls are sorted several times
@@ -537,6 +459,7 @@ def test_the_cost_of_a_data_point_does_not_grow_with_their_number(rng, monkeypat
     assert simplex.certificate().status is Status.OPTIMAL
 
 
+@OWN_SIZES
 def test_a_walk_does_not_stray_from_its_ball(rng, monkeypatch):
     improve, ends, exchanges = pivoting.improve, [], []
 
@@ -570,6 +493,7 @@ def test_a_hard_row_that_only_a_larger_scale_meets():
     assert simplex.solve().scale == pytest.approx(0.3 / 3.7)
 
 
+@OWN_SIZES
 def test_a_sudden_change_of_the_data_moves_settled_rows(rng):
     before, _ = pushes(rng, 8, 500)
     after, _ = pushes(rng, 8, 1500)
@@ -582,6 +506,7 @@ def test_a_sudden_change_of_the_data_moves_settled_rows(rng):
     assert simplex.certificate().status is Status.OPTIMAL
 
 
+@OWN_SIZES
 def test_a_sliding_window_forgets(rng):
     groups, _ = pushes(rng, 10, 16 * CLOSE)
     simplex = Simplex(10)
@@ -594,6 +519,7 @@ def test_a_sliding_window_forgets(rng):
     assert_optimal(simplex, groups[-50:])
 
 
+@OWN_SIZES
 def test_removal_of_settled_rows(rng):
     groups, _ = pushes(rng, 10, 2000)
     simplex = Simplex(10)
@@ -604,15 +530,6 @@ def test_removal_of_settled_rows(rng):
         simplex.remove(gone)
         assert simplex.solve().status is Status.OPTIMAL
     assert_optimal(simplex, [rows for k, rows in enumerate(groups) if k % 3])
-
-
-def test_units_do_not_matter(rng):
-    groups, _ = pushes(rng, 10, 30)
-    metres, millimetres = Simplex(10), Simplex(10)
-    for a, above, below in groups:
-        metres.add(ConstraintRows(a, above, below))
-        millimetres.add(ConstraintRows(a * 1000, above / 1000, below / 1000))
-    np.testing.assert_allclose(metres.solve().w, millimetres.solve().w, atol=1e-9)
 
 
 def test_weights_of_an_optimum_cannot_be_changed():
@@ -665,15 +582,6 @@ def test_rows_may_come_in_any_kind_of_array(kind):
     simplex = Simplex(3)
     simplex.add(ConstraintRows(*map(kind, rows)))
     np.testing.assert_allclose(simplex.solve().w, (0.25, 0.25, 0.5))
-
-
-def test_rows_without_effect_do_not_matter(rng):
-    groups, _ = pushes(rng, 8, 300)
-    simplex, plain = Simplex(8), Simplex(8)
-    for rows in groups:
-        plain.add(rows)
-        simplex.add(stack([rows, group(np.zeros((3, 8))), group([1e-300, *np.zeros(7)]), group(np.eye(8)[0], 0.0, 0.0)], 8))
-        assert simplex.solve().objective == pytest.approx(plain.solve().objective, rel=1e-12)
 
 
 def test_a_row_may_contain_only_the_scale():

@@ -2,6 +2,7 @@
 
 import pathlib
 
+import arm_and_tag
 import pytest
 
 from pushfric_core import TABLE_1, InvalidInput
@@ -16,10 +17,7 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 
 
-def test_an_arm_and_a_tag_give_the_friction_of_the_object(ros, tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    import arm_and_tag
-
+def test_an_arm_and_a_tag_give_the_friction_of_the_object(ros, tmp_path):
     cell = load_cell(EXAMPLES / "arm_and_tag.yaml")
     specs = graph.cell(cell, str(tmp_path / "bag"))
     assert [spec.name for spec in specs] == ["recorder", "estimator", "pose_source", "tip_source"]

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import arm as example
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped
@@ -39,15 +40,7 @@ DRIVERS = {"twist": TwistConfig, "trajectory": JointTrajectoryConfig}
 
 
 @pytest.fixture
-def example(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    import arm
-
-    return arm
-
-
-@pytest.fixture
-def device(ros, example):
+def device(ros):
     """The simulated arm."""
     return ros.compose(example.Arm())
 
@@ -77,28 +70,28 @@ def until(pusher, condition):
     return reports
 
 
-def tip(device, example) -> np.ndarray:
+def tip(device) -> np.ndarray:
     """Where the tip of the simulated arm is: (2,) on the table, and how high [m]."""
     place, axes, _ = example.forward(device.joints)
     x, y, z = place + axes @ (0.0, 0.0, example.TOOL)
     return np.array((*transform(inverse(Pose(*example.TABLE)), (x, y)), z))
 
 
-def at_rest(ros, device, example) -> np.ndarray:
+def at_rest(ros, device) -> np.ndarray:
     ros.wait_for(lambda: np.abs(device._speeds).max() < 1e-7, what="an arm at rest")
-    return tip(device, example)
+    return tip(device)
 
 
-def test_a_stroke_ends_where_it_was_sent_and_stays_on_its_line(ros, device, example, kind):
+def test_a_stroke_ends_where_it_was_sent_and_stays_on_its_line(ros, device, kind):
     with connected(kind) as pusher:
         assert (pusher.mode, pusher.doubt) == (Mode.IDLE, None)
-        height = tip(device, example)[2]
+        height = tip(device)[2]
         pusher.move_to(0.03, 0.03)
         assert pusher.mode is Mode.RUNNING
         way = []
 
         def note(report):
-            way.append(tip(device, example))
+            way.append(tip(device))
             return report.mode is Mode.IDLE
 
         reports = until(pusher, note)
@@ -111,10 +104,10 @@ def test_a_stroke_ends_where_it_was_sent_and_stays_on_its_line(ros, device, exam
         assert np.all(np.diff([report.stamp for report in reports]) > 0)
         pusher.move_to(0.0, 0.05)
         until(pusher, lambda _: not pusher.busy)
-        assert at_rest(ros, device, example) == pytest.approx((0.0, 0.0, height), abs=2e-4)
+        assert at_rest(ros, device) == pytest.approx((0.0, 0.0, height), abs=2e-4)
 
 
-def test_a_line_anywhere_on_the_table(ros, device, example):
+def test_a_line_anywhere_on_the_table(ros, device):
     """The line is that of the cell's file, in the table frame."""
     stage = PusherConfig((-0.02, 0.01), (2.0, -1.0), 0.003, 0.1, 0.1)
     with connected(stage=stage) as pusher:
@@ -122,32 +115,32 @@ def test_a_line_anywhere_on_the_table(ros, device, example):
         assert begin == pytest.approx(math.sqrt(0.02**2 + 0.01**2), abs=1e-4)
         pusher.move_to(begin + 0.02, 0.05)
         until(pusher, lambda _: not pusher.busy)
-        assert at_rest(ros, device, example)[:2] == pytest.approx(0.02 * np.array((2, -1)) / math.sqrt(5), abs=2e-4)
+        assert at_rest(ros, device)[:2] == pytest.approx(0.02 * np.array((2, -1)) / math.sqrt(5), abs=2e-4)
 
 
-def test_a_stop_ends_the_motion(ros, device, example, kind):
+def test_a_stop_ends_the_motion(ros, device, kind):
     with connected(kind) as pusher:
         pusher.move_to(0.05, 0.02)
         until(pusher, lambda report: report.position > 0.01)
         pusher.stop()
         until(pusher, lambda _: not pusher.busy)
-        assert 0.01 < at_rest(ros, device, example)[1] < 0.03
+        assert 0.01 < at_rest(ros, device)[1] < 0.03
         assert (pusher.mode, pusher.doubt) == (Mode.IDLE, None)
 
 
-def test_an_arm_whose_driver_is_not_polled_stops_by_itself(ros, device, example, kind):
+def test_an_arm_whose_driver_is_not_polled_stops_by_itself(ros, device, kind):
     with connected(kind, silence=1.0) as pusher:
         pusher.move_to(0.05, 0.01)
         until(pusher, lambda report: report.position > 0.005)
         time.sleep(1.1)  # what is tested: nobody polls
-        rest = at_rest(ros, device, example)
+        rest = at_rest(ros, device)
         with pytest.raises(Timeout, match=r"this process stood still for 1\.\d\d s"):
             pusher.poll()
         until(pusher, lambda _: not pusher.busy)
-        assert at_rest(ros, device, example) == pytest.approx(rest, abs=1e-4)
+        assert at_rest(ros, device) == pytest.approx(rest, abs=1e-4)
 
 
-def test_an_arm_that_is_not_seen_is_stopped(ros, device, example):
+def test_an_arm_that_is_not_seen_is_stopped(ros, device):
     with connected(silence=0.5) as pusher:
         pusher.move_to(0.05, 0.01)
         until(pusher, lambda report: report.position > 0.005)
@@ -158,7 +151,7 @@ def test_an_arm_that_is_not_seen_is_stopped(ros, device, example):
         with pytest.raises(NotConnected, match=r"no report of /base_link/tool0 for 1\.\d s, the limit is 1 s"):
             until(pusher, lambda _: False)
         assert (pusher.mode, pusher.busy) == (Mode.DISCONNECTED, False)
-        at_rest(ros, device, example)
+        at_rest(ros, device)
         del device._publish
         pusher.connect()
         assert until(pusher, lambda _: not pusher.busy)[-1].mode is Mode.IDLE
@@ -185,7 +178,7 @@ def test_an_arm_that_stood_still_is_not_pulled_after(ros, kind, monkeypatch):
         process.wait()
 
 
-def test_a_pose_that_is_none_ends_the_motion(ros, device, example):
+def test_a_pose_that_is_none_ends_the_motion(ros, device):
     with connected() as pusher:
         pusher.move_to(0.05, 0.01)
         until(pusher, lambda report: report.position > 0.005)
@@ -195,10 +188,10 @@ def test_a_pose_that_is_none_ends_the_motion(ros, device, example):
         with pytest.raises(NotConnected, match="no pose of the arm: "):
             until(pusher, lambda _: False)
         assert (pusher.mode, pusher.busy) == (Mode.DISCONNECTED, False)
-        assert at_rest(ros, device, example)[1] < 0.03
+        assert at_rest(ros, device)[1] < 0.03
 
 
-def test_a_tip_that_is_pushed_off_its_line_needs_a_person(ros, device, example):
+def test_a_tip_that_is_pushed_off_its_line_needs_a_person(ros, device):
     with connected() as pusher:
         pusher.move_to(0.05, 0.01)
         until(pusher, lambda report: report.position > 0.005)
@@ -214,7 +207,7 @@ def test_a_tip_that_is_pushed_off_its_line_needs_a_person(ros, device, example):
         until(pusher, lambda _: not pusher.busy)
         pusher.move_to(0.02, 0.05)
         until(pusher, lambda _: not pusher.busy)
-        assert at_rest(ros, device, example)[1] == pytest.approx(0.02, abs=2e-4)
+        assert at_rest(ros, device)[1] == pytest.approx(0.02, abs=2e-4)
 
 
 def test_a_tip_beside_its_line_is_not_moved(device):
@@ -241,7 +234,7 @@ def test_an_arm_that_moves_when_it_is_found_needs_a_person(ros, device):
         second._visit = None
 
 
-def test_after_a_suspension_a_person_is_asked(ros, device, example, monkeypatch):
+def test_after_a_suspension_a_person_is_asked(ros, device, monkeypatch):
     with connected() as pusher:
         pusher.move_to(0.05, 0.01)
         until(pusher, lambda report: report.position > 0.005)
@@ -254,7 +247,7 @@ def test_after_a_suspension_a_person_is_asked(ros, device, example, monkeypatch)
             pusher.move_to(0.05, 0.01)
 
 
-def test_without_an_arm_there_is_one_line(ros, monkeypatch, example):
+def test_without_an_arm_there_is_one_line(ros, monkeypatch):
     monkeypatch.setattr(arms, "CONNECT", 0.3)
     pusher = TwistConfig(**POSES).open_pusher(STAGE)
     for what in ("nobody listens to /servo_node/delta_twist_cmds", "no pose of /base_link/tool0"):
@@ -265,7 +258,7 @@ def test_without_an_arm_there_is_one_line(ros, monkeypatch, example):
     pusher.close()
 
 
-def test_a_trajectory_needs_the_joints_and_their_urdf(ros, monkeypatch, example):
+def test_a_trajectory_needs_the_joints_and_their_urdf(ros, monkeypatch):
     monkeypatch.setattr(arms, "CONNECT", 0.3)
     pusher = JointTrajectoryConfig(**POSES).open_pusher(STAGE)
     node = ros.node("controller")
@@ -286,7 +279,7 @@ def test_a_trajectory_needs_the_joints_and_their_urdf(ros, monkeypatch, example)
     pusher.close()
 
 
-def test_an_arm_that_is_held_back_is_not_pulled_ever_harder(ros, device, example):
+def test_an_arm_that_is_held_back_is_not_pulled_ever_harder(ros, device):
     sent = []
     ros.node("listener").create_subscription(
         JointTrajectory, "/joint_trajectory_controller/joint_trajectory", sent.append, RELIABLE
@@ -306,7 +299,7 @@ def test_an_arm_that_is_held_back_is_not_pulled_ever_harder(ros, device, example
         assert 0.1 < np.linalg.norm(off, axis=1).max() / np.linalg.norm(speeds) < 2 * arms.DEAD_MAN
 
 
-def test_the_doctor_looks_and_moves_nothing(ros, device, example, monkeypatch):
+def test_the_doctor_looks_and_moves_nothing(ros, device, monkeypatch):
     before = device.joints.copy()
     checks = list(TwistConfig(**POSES).checks(STAGE, 0.05, 0.02))
     assert [(check.name, check.level) for check in checks] == [("arm", Grade.OK), ("dead-man", Grade.OK)]

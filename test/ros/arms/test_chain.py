@@ -2,6 +2,7 @@
 
 import pathlib
 
+import arm as example
 import numpy as np
 import pytest
 
@@ -18,15 +19,7 @@ SLIDE = """<robot name="gantry"><link name="base"/><link name="turned"/><link na
 RAIL = {"kind": "prismatic", "place": "0 0 0", "limit": '<limit lower="-0.1" upper="0.2" velocity="0.5" effort="1"/>'}
 
 
-@pytest.fixture
-def example(monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    import arm
-
-    return arm
-
-
-def test_the_jacobian_is_that_of_the_arm(example, rng):
+def test_the_jacobian_is_that_of_the_arm(rng):
     chain = Chain.between(example.urdf(), "base_link", "tool0")
     assert chain.names == example.NAMES
     for _ in range(20):
@@ -34,20 +27,20 @@ def test_the_jacobian_is_that_of_the_arm(example, rng):
         assert chain.jacobian(joints) == pytest.approx(example.forward(joints)[2], abs=1e-12)
 
 
-def test_the_joints_move_the_link_and_do_not_turn_it(example):
+def test_the_joints_move_the_link_and_do_not_turn_it():
     chain, joints = Chain.between(example.urdf(), "base_link", "tool0"), example.at_first()
     speeds = chain.speeds(joints, np.array((0.01, -0.02, 0.005)))
     assert example.forward(joints)[2] @ speeds == pytest.approx((0.01, -0.02, 0.005, 0, 0, 0), abs=1e-4)
 
 
-def test_no_joint_is_faster_than_it_can(example):
+def test_no_joint_is_faster_than_it_can():
     chain, joints = Chain.between(example.urdf(), "base_link", "tool0"), example.at_first()
     fast, slow = (chain.speeds(joints, np.array((length, 0.0, 0.0))) for length in (100.0, 0.01))
     assert np.abs(fast).max() == pytest.approx(example.FASTEST)
     assert fast / np.linalg.norm(fast) == pytest.approx(slow / np.linalg.norm(slow))  # the same way, slower
 
 
-def test_a_singular_arm_moves_slowly(example):
+def test_a_singular_arm_moves_slowly():
     """Stretched upwards, no joint can raise the tool."""
     chain = Chain.between(example.urdf(), "base_link", "tool0")
     assert np.abs(chain.speeds(np.zeros(6), np.array((0.0, 0.0, 0.01)))).max() < 0.01 / (2 * DAMPING)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from calls import PROGRAM, figures, invoked, pushfric
 from problems import observations_of
-from semantic_damage import SECOND, Recording
+from semantic_damage import Recording
 
 from bench.public import stablepush, zhou2015
 from pushfric_core import (
@@ -47,7 +47,7 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 
-POINT_LOGS = ("30_90_30_30_30_90__exp_08_11_30.txt", "30_90_30_30_30_90__exp_08_11_50_mixed.txt")
+POINT_LOG = "30_90_30_30_30_90__exp_08_11_30.txt"
 TWO_FINGERS = "30_90_30_30_30_90"
 
 
@@ -82,27 +82,18 @@ def points_of(observations):
     return PointPushes(*(np.array([getattr(one, name) for one in observations]) for name in names))
 
 
-def with_point(folder, real_pushes):
-    logs = zhou2015.read_push_points(real_pushes / "push_points.csv")
-    fitted, others = (logs[name] for name in POINT_LOGS)
-    zhou2015.write_bag(folder / "imported", TWO_FINGERS, fitted)
-    two = stablepush.read_stable_pushes(real_pushes / "stable_pushes.csv")[TWO_FINGERS]
-    return Case(fitted, folder / "imported", points_of(others), two.pushes, two.stable)
-
-
 def with_two_fingers(folder, real_pushes):
     """Fitted to the stable pushes, which are intervals; asked about all of them."""
     two = stablepush.read_stable_pushes(real_pushes / "stable_pushes.csv")[TWO_FINGERS]
     imported = {one.object: one.path for one in stablepush.import_pushes(real_pushes / "stable_pushes.csv", folder / "in")}
-    data = [stablepush._observation(two, index) for index in np.flatnonzero(two.stable).tolist()[::3]]
-    asked = points_of(zhou2015.read_push_points(real_pushes / "push_points.csv")[POINT_LOGS[0]])
+    data = [stablepush._observation(two, index) for index in np.flatnonzero(two.stable).tolist()[::8]]
+    asked = points_of(zhou2015.read_push_points(real_pushes / "push_points.csv")[POINT_LOG])
     return Case(data, imported[TWO_FINGERS], asked, two.pushes)
 
 
 CASES = {
     "simulated": simulated("wood_rect3", 14, 12),
     "few": simulated("delrin_square3", 6, 4),  # one sample is left, which is not the optimum
-    "real points": with_point,
     "real fingers": with_two_fingers,
 }
 
@@ -349,13 +340,6 @@ def of_a_run(_):
     return DEMO
 
 
-def of_another_recorder(folder):
-    """Poses and pusher states alone, without numbers, up to the tenth push."""
-    recording = Recording(DEMO)
-    end = recording.span_of(9)[1] + SECOND
-    return recording.write_elsewhere(folder / "bag", [one for one in recording.messages if one.log_time_ns < end])
-
-
 def of_observations(folder):
     """Observations alone, of pushes that do not show mu_c."""
     model, known = load_object("wood_rect3"), TABLE_1["wood_rect3"]
@@ -417,7 +401,7 @@ def replayed(ros, bag, friction, folder):
     return [plain(report_from_msg(last[FrictionEstimate]).to_dict()), json.loads(line)]
 
 
-@pytest.mark.parametrize("made", [of_a_run, of_another_recorder, of_observations])
+@pytest.mark.parametrize("made", [of_a_run, of_observations])
 def test_every_door_gives_both_products_of_a_bag(ros, tmp_path, made):
     bag = made(tmp_path)
     recording = load(bag)

@@ -55,23 +55,6 @@ def test_recorded_topics_are_published_with_that_type_and_quality(described):
         assert ("transient local" in endpoints[name].qos) == (quality == "latched"), name
 
 
-def test_known_interfaces_are_described(described):
-    tracker, estimator = described["tracker"], described["estimator"]
-    images = [(endpoint.type, when) for endpoint, when in tracker.endpoints.items() if endpoint.name.startswith("image_raw")]
-    assert images == [
-        ("sensor_msgs/msg/Image", "not with `source: compressed`, a device as `source`"),
-        ("sensor_msgs/msg/CompressedImage", "with `source: compressed`"),
-    ]
-    assert node_help.Endpoint("serves", "estimator/reset", "std_srvs/srv/Trigger", "service") in estimator.endpoints
-    assert node_help.Endpoint("serves", "push", "pushfric_msgs/action/Push", "action") in described["actuator"].endpoints
-    assert node_help.Endpoint("calls", "push", "pushfric_msgs/action/Push", "action") in described["experiment"].endpoints
-    settings = {setting.name: setting for setting in (*tracker.settings, *estimator.settings)}
-    assert settings["threshold"][1:5] == ("integer", False, 0, (0, 255))
-    assert settings["calibration"].required
-    assert settings["cor_radius"][1:4] == ("double or string", False, "auto")
-    assert "use_sim_time" not in settings
-
-
 @pytest.fixture(scope="module")
 def layout():
     return json.loads((ROOT / "docs/foxglove_layout.json").read_text())
@@ -94,20 +77,6 @@ def test_the_layout_shows_only_topics_and_fields_that_exist(layout, topics):
         for field in fields:
             kind = message_class(kind if "/msg/" in kind else kind.replace("/", "/msg/")).get_fields_and_field_types()[field]
         assert not fields or kind == "double", path
-
-
-def test_each_panel_of_the_layout_has_a_title(layout):
-    assert all(panel["foxglovePanelTitle"] and "title" not in panel for panel in layout["configById"].values())
-
-
-def test_the_layout_places_each_panel_once(layout):
-    def panels(tree):
-        return [tree] if isinstance(tree, str) else [*panels(tree["first"]), *panels(tree["second"])]
-
-    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
-    assert {name.split("!")[0] for name in layout["configById"]} == {
-        "3D", "Image", "Plot", "DiagnosticSummary", "RawMessages"
-    }  # fmt: skip
 
 
 def test_the_help_of_a_node_tells_all_of_it(described):

@@ -14,11 +14,8 @@ import time
 
 import pytest
 
-from pushfric_core.errors import PushfricError
-from pushfric_ros.graph import fork_server, supervisor
+from pushfric_ros.graph import fork_server
 from pushfric_ros.graph.fork_server import ForkServer, ServerGone
-from pushfric_ros.graph.graph import NodeSpec
-from pushfric_ros.graph.supervisor import Ended, Supervisor
 
 PATIENCE = 120.0
 """How long a process may take for anything; far more than it needs [s]."""
@@ -126,62 +123,3 @@ def test_a_server_that_cannot_import_says_so(monkeypatch, capfd):
     with contextlib.closing(ForkServer()) as server, pytest.raises(ServerGone, match="the nodes ended with exit code 1"):
         server.ready(PATIENCE)
     assert "No module named 'no_such_module'" in capfd.readouterr().err
-
-
-IS_ASKED = """
-import os, signal
-def end(*_):
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # the supervisor asks, too
-    print("asked", flush=True)
-    os._exit(0)
-signal.signal(signal.SIGTERM, end)
-"""
-
-
-def test_a_killed_server_ends_the_run_and_its_nodes(monkeypatch, tmp_path):
-    def command(spec, _, folder):
-        script = folder / spec.name
-        script.write_text(IS_ASKED + WAITS)
-        return [sys.executable, str(script)]
-
-    monkeypatch.setattr(supervisor, "command", command)
-    said = []
-    specs = [NodeSpec("tracker", respawn=True), NodeSpec("other")]
-    with Supervisor(specs, "/test_fork_server", lambda *line: said.append(line)) as nodes:
-        deadline = time.monotonic() + PATIENCE
-        while len(said) < 2:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        os.kill(nodes._server.pid, signal.SIGKILL)
-        while (ended := nodes.poll()) is None:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-        with pytest.raises(PushfricError, match="was killed by SIGKILL"):
-            nodes._server.start([], {})
-    assert ended == Ended(1, "the process that starts the nodes was killed by SIGKILL")
-    assert sorted(said) == sorted([(spec.name, word) for spec in specs for word in ("waits", "asked")])
-
-
-CLIENT = """
-import sys, time
-from pushfric_ros.graph.fork_server import prepare, prepared
-prepare()
-server = prepared()
-while not server.ready(1.0):
-    pass
-process = server.start([sys.executable, sys.argv[1]], {})
-print(server.pid, process.pid, process.output.readline(), flush=True)
-time.sleep(300)
-"""
-
-
-def test_a_killed_client_takes_the_server_and_its_processes_along(tmp_path):
-    script = tmp_path / "waits"
-    script.write_text(WAITS)
-    with subprocess.Popen([sys.executable, "-c", CLIENT, str(script)], stdout=subprocess.PIPE) as client:
-        pids = [int(word) for word in client.stdout.readline().split()[:2]]
-        watched = [os.pidfd_open(pid) for pid in pids]
-        client.kill()
-    for watch in watched:
-        assert select.select([watch], [], [], PATIENCE)[0]
-        os.close(watch)

@@ -9,7 +9,7 @@ import yaml
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.recorded import ObservationSource
 from pushfric_core.cell.cell_file import load_cell
-from pushfric_core.cell.node_settings import PlanConfig, PlannerConfig, ViewConfig
+from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.pushers.serial_line import open_port
@@ -99,27 +99,6 @@ def test_a_driver_of_another_package_brings_its_simulation(ros, others, tmp_path
         ros.wait_for(lambda: b"Grbl" in heard or heard.extend(port.read(port.in_waiting)), what="its greeting")
 
 
-def test_every_node_of_the_graph_is_an_executable(specs):
-    source = ObservationSource("poses", "/cell", ("a", "b"))
-    replay = graph.replay("bag", "object", source, 1.0, EstimatorSettings())
-    shown = graph.with_view(specs, "wood_rect4", ViewConfig())
-    names = {spec.executable for spec in (*graph.with_planner(shown, PlannerConfig()), *replay)}
-    setup = (pathlib.Path(__file__).parents[3] / "src/pushfric_ros/setup.py").read_text()
-    assert names == {
-        "simulated_cell_node",
-        "recorder_node",
-        "estimator_node",
-        "tracker_node",
-        "actuator_node",
-        "experiment_node",
-        "player_node",
-        "view_node",
-        "planner_node",
-    }
-    for name in names:
-        assert f'"{name.removesuffix("_node")}"' in setup
-
-
 def test_what_leads_a_run_waits_for_the_view(specs):
     shown = {spec.name: spec for spec in graph.with_view(specs, "wood_rect4", ViewConfig(port=9000))}
     given = shown["view"].parameters
@@ -133,13 +112,6 @@ def test_what_leads_a_run_waits_for_the_view(specs):
         "player": ["view"],
         "view": None,
     }
-
-
-def test_no_run_waits_for_the_planner_which_may_die(specs):
-    asked = {spec.name: spec for spec in graph.with_planner(specs, PlannerConfig(most_strokes=7))}
-    assert asked["planner"].parameters == {"most_pushes": 10_000, "most_strokes": 7, "longest": 10.0}
-    assert asked["planner"].respawn
-    assert asked["experiment"].parameters["awaits"] == ["estimator", "recorder"]
 
 
 def test_a_refused_node_leaves_no_other_node_behind(ros, specs, tmp_path):

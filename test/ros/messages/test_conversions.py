@@ -22,7 +22,7 @@ from pushfric_msgs.msg import (
     PlanProgress,
     PusherState,
 )
-from pushfric_ros.messages import conversions, markers, types
+from pushfric_ros.messages import conversions, types
 
 CORE = pathlib.Path(__file__).parents[3] / "src/pushfric_core/pushfric_core"
 
@@ -113,22 +113,6 @@ def test_without_data_no_number_is_known():
     numbers = (msg.objective, msg.lower_bound, msg.gap, msg.confidence, msg.support_friction.total_friction, friction.p90)
     assert all(map(math.isnan, (*numbers, friction.max, friction.value, friction.low, friction.high, *msg.spread.covariance)))
     assert (friction.kind, msg.change.since_push) == (ContactFriction.KIND_UNKNOWN, ObjectChange.NO_PUSH)
-
-
-def test_an_estimate_becomes_a_message_without_loss():
-    problem = four_feet()
-    estimator = Estimator(problem.truth.points)
-    estimate = estimator.add(problem.observations[:9])
-    msg = conversions.estimate_to_msg(EstimateReport.of(estimate, "box", estimate.belief))
-    assert msg.status == FrictionEstimate.STATUS_OPTIMAL
-    assert (msg.data_points, msg.pushes) == (9, 9)
-    assert list(msg.support_friction.weights) == list(estimate.w)
-    assert [(p.x, p.y) for p in msg.support_friction.support_points] == [tuple(p) for p in estimate.support_points]
-    assert (msg.center_of_friction.x, msg.center_of_friction.y) == tuple(estimate.center_of_friction)
-    believed = msg.spread.center_of_friction
-    assert (believed.x, believed.y) == tuple(estimate.believed_center) == markers.center_of_friction_from(msg)
-    assert (msg.contact_friction.p90, msg.contact_friction.max) == (estimate.mu_c_p90, estimate.mu_c_max)
-    assert msg.gap == estimate.solution.gap
 
 
 def test_pushfric_core_knows_every_type_of_the_cell_as_it_is_installed():

@@ -159,29 +159,6 @@ def test_the_doctor_asks_the_driver(package, write):
     assert checks == [doctor.Check("slide", doctor.Grade.OK, "0.2 mm of play in pushes of 50 mm")]
 
 
-@pytest.mark.parametrize(
-    ("changes", "node", "error"),
-    [
-        ({"pusher": {"backlash": -0.1}}, ActuatorNode, r"backlash must lie in \[0.0, 0.01\], got -0.1$"),
-        ({"camera": {"level": "high"}}, TrackerNode, r"level must be a whole number, got 'high'$"),
-    ],
-)
-def test_a_file_is_refused_in_the_words_of_the_node(ros, package, write, changes, node, error):
-    good = load_cell(write())
-    name = "actuator" if node is ActuatorNode else "tracker"
-    path = write(**changes)
-    with pytest.raises(InvalidInput, match=error) as refusal:
-        load_cell(path)
-    (section,) = changes
-    assert str(refusal.value).startswith(f"{path}: {section}: ")
-    words = str(refusal.value).removeprefix(f"{path}: {section}: ")
-    given = {parameter.name: parameter for parameter in overrides(good, name)}
-    given |= {key: Parameter(key, value=value) for key, value in changes[section].items()}
-    with pytest.raises(InvalidInput) as refusal:
-        node(namespace="/cell", parameter_overrides=list(given.values()))
-    assert str(refusal.value).endswith(words)
-
-
 def test_a_setting_of_another_driver_is_unknown(package, write):
     with pytest.raises(InvalidInput, match=r"pusher: expected any of line_origin, .*, autostart, device, backlash, got port$"):
         load_cell(write(pusher={"port": "/dev/ttyUSB0"}))

@@ -11,7 +11,7 @@ from rclpy.time import Time
 from stage import STAGE
 from std_srvs.srv import Trigger
 
-from pushfric_core import TABLE_1, InvalidInput, Pose, PushingLine
+from pushfric_core import TABLE_1, Pose, PushingLine
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
 from pushfric_core.geometry.frames import TABLE
@@ -287,11 +287,6 @@ def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):
     assert controller.position() == pytest.approx(0.0)
 
 
-def test_a_start_beyond_the_plan_is_refused(ros, tmp_path):
-    with pytest.raises(InvalidInput, match="parameter start must be at most 3, the pushes of the plan; got 4"):
-        Table(ros, tmp_path, actuator="none", start=4)
-
-
 def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, controller, tmp_path, capfd):
     table = Table(ros, tmp_path, speed=0.02)
     table.obedient = False
@@ -310,11 +305,11 @@ def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, 
     assert capfd.readouterr().err.count("a person skipped it") == 2
 
 
-@pytest.mark.parametrize("fault", ["alarm", "unplugged", "power cut"])
-def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, capfd, fault):
+@pytest.mark.parametrize("fault", ["alarm", "unplugged"])
+def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, fault):
     table = Table(ros, tmp_path, start=2)
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
-    {"alarm": controller.hit_limit, "unplugged": controller.unplug, "power cut": controller.reset}[fault]()
+    {"alarm": controller.hit_limit, "unplugged": controller.unplug}[fault]()
     if fault == "unplugged":
         table.wait_for_message("no controller answers: is it switched on, and plugged in?")
         controller.start()
@@ -324,19 +319,12 @@ def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, co
     assert waiting.phase == PlanProgress.PHASE_ALARM
     assert "actuator/reset" in waiting.details
     assert controller.position() > 0.005
-    if fault == "power cut":
-        assert f"push 2 aborted: the controller at {tmp_path}/port restarted" in capfd.readouterr().err
-        controller._carriage = 0.0  # the operator moves it by hand
-        controller.reset()
-        table.wait_for_message("no controller answers")
-        table.wait_for_message(ALARM)
-        assert controller.position() == 0.0
     assert table.call("actuator/reset")
     table.choose("skip")
     last = table.wait_for_end()
     assert (last.completed, last.skipped) == (1, 1)
     assert pushed(table.states) == [1, 2]
-    if fault != "unplugged":
+    if fault == "alarm":
         assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
 
@@ -422,44 +410,32 @@ def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(r
     assert len(re.findall(f"aborted: {why}", capfd.readouterr().err)) == 2
 
 
-@pytest.mark.parametrize(
-    ("off", "way", "plan"), [(3600, "3600 s ahead of", {}), (-86400, "86400 s behind", {"plan": "", "choose": 3})]
-)
-def test_a_foreign_clock_is_named_before_the_first_push(ros, controller, tmp_path, off, way, plan):
-    if plan:
-        region = ros.node("region", namespace="/cell").create_publisher(
-            CenterOfFrictionRegion, "center_of_friction_region", LATCHED
-        )
-        region.publish(CenterOfFrictionRegion(next_pushes=[Candidate(edge=0)]))
-    table = Table(ros, tmp_path, **plan)
-    table.now = lambda: time.time_ns() + off * 10**9
+def test_a_foreign_clock_is_named_before_the_first_push(ros, controller, tmp_path):
+    table = Table(ros, tmp_path)
+    table.now = lambda: time.time_ns() + 3600 * 10**9
     table.settled = (2**31 - 1) * 10**9
-    told = table.wait_for_message(f"no push can be measured: the clock of the camera is {way} this computer's: set it")
+    told = table.wait_for_message("no push can be measured: the clock of the camera is 3600 s ahead of this computer's: set it")
     assert told.phase == PlanProgress.PHASE_WAITING
     assert pushed(table.states) == []
     table.now = None  # someone has set it
     ros.wait_for(lambda: 0 in pushed(table.states), 60.0, what="the push")
 
 
-@pytest.mark.parametrize("fault", ["frozen", "alternating", "shifted"])
-def test_a_push_is_stopped_when_what_is_seen_does_not_follow_it(ros, controller, tmp_path, capfd, fault):
-    """An image that is not new although its noise is, two that alternate, and a camera that was knocked."""
+def test_a_push_is_stopped_when_what_is_seen_does_not_follow_it(ros, controller, tmp_path, capfd):
+    """For example, an image that is not new although its noise is; test_trajectory.py has others."""
     table = Table(ros, tmp_path, speed=0.02)
     seen: list[Pose] = []
 
     def shown(pose: Pose) -> Pose:
         if controller.position() < 0.01:
             seen.append(pose)
-            return pose
-        if fault == "shifted":
-            return pose._replace(x=pose.x + 0.025)
-        return seen[-1 - (fault == "alternating" and len(table.states) % 2)]
+        return seen[-1]
 
     table.shown = shown
     ros.wait_for(lambda: table.node._awaits_choice, 60.0, what="the aborted push")
     assert max(state.position for state in table.states) < 0.025  # of 0.03: it was stopped
     said = capfd.readouterr().err
-    assert re.search("push 1 aborted: the object (does not follow the pusher|leaps by 2[4-7] mm)", said)
+    assert "push 1 aborted: the object does not follow the pusher" in said
     assert "check that the camera gives new images" in said
 
 

@@ -15,13 +15,12 @@ from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.planar import Pose, Wrench
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.prediction import motion_cone, predict, stability
-from pushfric_core.mechanics.quasi_static import ContactMode
+from pushfric_core.mechanics.prediction import motion_cone, predict
 from pushfric_core.mechanics.strokes import predict_strokes
 from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ellipsoid
 from pushfric_msgs.msg import Basis, FrictionModel, Observation
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
-from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg
+from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.node_kit import turns
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.planner_client import QUESTIONS, planner_client
@@ -134,27 +133,15 @@ def numbers(array):
 
 
 def test_answers_are_those_of_the_core_to_the_last_bit(ros):
+    """Those that test_doors.py does not ask for."""
     cell = Cell(ros)
     cell.estimate()
     _, model = expected_model()
     found, expected = cell.ask("predict_push", push_request(with_samples=True)), predict(model, CONTACTS, NORMALS, VELOCITIES)
-    assert (found.success, found.message) == (True, "")
-    assert list(found.twists) == numbers(expected.twists)
-    assert list(found.modes) == [MODE_TO_MSG[mode] for mode in expected.modes]
-    assert expected.modes[1] is ContactMode.FREE
-    assert list(found.spreads) == expected.spread.tolist()
-    assert list(found.forces) == numbers(expected.forces)
-    assert list(found.covariances) == expected.covariance.ravel().tolist()
     assert list(found.sample_twists) == expected.samples.twists.ravel().tolist()
     assert list(found.weights) == model.share.tolist()
 
-    held = cell.ask("stable_pushes", turn_request())
-    same = stability(model, CONTACTS, NORMALS, (0.02, 0.01), CENTERS, TURNS)
-    assert held.success
-    assert (list(held.stable), list(held.margins)) == (same.stable.tolist(), same.margins.tolist())
-    assert list(held.probabilities) == same.probabilities.tolist()
-
-    moved, strokes = cell.ask("predict_stroke", stroke_request(with_samples=True)), None
+    moved = cell.ask("predict_stroke", stroke_request(with_samples=True))
     strokes = predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS)
     assert list(moved.ends) == numbers(strokes.means)
     assert list(moved.sample_ends) == strokes.poses.ravel().tolist()
@@ -332,7 +319,7 @@ def test_a_short_request_does_not_wait_for_long_ones(ros, monkeypatch):
     client = cell.client("predict_push")
     with monkeypatch.context() as held:
         held.setattr(turns, "TURN", 0.0)  # no work is done before all have come
-        long = [client.call_async(many_pushes(10_000)[1]) for _ in range(12)]
+        long = [client.call_async(many_pushes(4000)[1]) for _ in range(6)]
         ros.wait_for(lambda: cell.planner._turns.waiting == len(long), what="the long requests")
         short = client.call_async(push_request())
         ros.wait_for(lambda: cell.planner._turns.waiting == len(long) + 1, what="the short request")
@@ -340,19 +327,19 @@ def test_a_short_request_does_not_wait_for_long_ones(ros, monkeypatch):
     assert short.result().success
     assert not any(one.done() for one in long)
     ros.wait_for(lambda: all(one.done() for one in long), what="the long answers")
-    assert all(len(one.result().modes) == 10_000 for one in long)
+    assert all(len(one.result().modes) == 4000 for one in long)
 
 
-def test_two_hundred_calls_at_once_of_fifty_clients_are_all_answered(ros):
+def test_many_calls_at_once_of_twenty_clients_are_all_answered(ros):
     """With rclpy's own quality of service, which keeps ten answers: each client has a name of its own."""
     cell = Cell(ros)
     cell.estimate()
-    nodes = [ros.node(f"asking_{number}", namespace="/cell") for number in range(10)]
-    names = [f"planner/predict_push/client_{number}" for number in range(50)]
+    nodes = [ros.node(f"asking_{number}", namespace="/cell") for number in range(4)]
+    names = [f"planner/predict_push/client_{number}" for number in range(20)]
     clients = [cell.client(name, PredictPush, node=node) for name, node in zip(names, 5 * nodes, strict=True)]
     _, request = many_pushes(20)
     answers = [client.call_async(request) for _ in range(4) for client in clients]
-    ros.wait_for(lambda: all(answer.done() for answer in answers), what="200 answers")
+    ros.wait_for(lambda: all(answer.done() for answer in answers), what="80 answers")
     first, *others = [answer.result() for answer in answers]
     assert first.success
     assert all(other == first for other in others)
