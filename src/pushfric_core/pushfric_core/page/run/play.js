@@ -24,9 +24,9 @@ const CARDS = [
     (story) => said(story).lamp?.endsWith("on") && story["node/tracker"]?.level === "ok"],
   ["Guess", ({ plan }) => (plan?.completed < UNTIL_GUESSED ? `Place and push on: ${plan.completed} of ${UNTIL_GUESSED} pushes. Watch which way the object turns: a push along a line through p_CF does not turn it.` :
     "Where is p_CF, the point on which friction seems to act? Click into the drawing of the object (keys: arrows, when it has the focus), then press My guess."), () => guessed],
-  ["Cheat", ({ estimate }) => `${result(estimate)} Now spoil a push: while the pusher moves, drag the object aside.`,
+  ["Cheat", ({ estimate }) => `${result(estimate)} Now spoil one push: while the pusher moves, drag the object some centimetres aside (keys: an arrow, again and again). Then place and push on: it may take six pushes to tell.`,
     (story, { pushes }) => pushes.filter(isBad).length + (story.estimate?.belief.rejected.length ?? 0) > before],
-  ["Found", () => "The spoilt push is found: the table of pushes says why, and it is left out. Go on with the pushes that are left, or press End: the result comes in any case.",
+  ["Found", () => "The spoilt push is found: the table of pushes says why, and it is left out. Repeat or skip it, and go on with the pushes that are left, or press End: the result comes in any case.",
     ({ plan }) => plan?.phase === "finished"],
   ["Result", ({ estimate }) => `${result(estimate)} The line of the run leads back to any moment; the report is yours to hand on.`, () => false],
 ];
