@@ -58,7 +58,10 @@ class Table:
         self.now = None  # time of the poses [ns]; None: the computer's time
         self.shown = lambda pose: pose  # what the camera shows of the object
         self._pushed: tuple[int, Pose] | None = None  # the present push, and where the object lay before it
-        self._node = ros.node("table", namespace="/cell")
+        self.left_out: list[int] = []  # pushes that the estimator was told to exclude
+        self.well = ["/cell/estimator"]
+        self.settled = 0 if parameters.get("choose") else (2**31 - 1) * 10**9  # what the estimator reports [ns]
+        self._node = ros.node("table", namespace="/cell")  # spun from now on
         self._node.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
         # every message counts here, not only the last one
         self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, RELIABLE)
@@ -68,10 +71,7 @@ class Table:
         self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
         self._observation_out = self._node.create_publisher(Observation, "observation", RELIABLE)
         self._node.create_timer(0.02, self._show)
-        self.left_out: list[int] = []  # pushes that the estimator was told to exclude
         self._estimator = self._node.create_service(SelectPush, "estimator/exclude_push", self._on_exclude)
-        self.well = ["/cell/estimator"]
-        self.settled = 0 if parameters.get("choose") else (2**31 - 1) * 10**9  # what the estimator reports [ns]
         (tmp_path / "plan.yaml").write_text(PLAN)
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": DISTANCE, "speed": 0.08,
                  "still": STILL, "awaits": ["estimator"]}  # fmt: skip
