@@ -156,7 +156,7 @@ def test_the_game_turns_its_cards_by_what_happens_in_the_cell(browser, ros):
         lamp[0] = "off" if lamp[0] == "on" else "on"
 
     cell.create_subscription(String, "switch", turn_over, RELIABLE)
-    cell.create_timer(0.1, report)
+    reporting = cell.create_timer(0.1, report)
     placing, pushing, finished = PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING, PlanProgress.PHASE_FINISHED
 
     def go_on(phase: int, completed: int = 0, **more: int) -> None:
@@ -211,6 +211,9 @@ def test_the_game_turns_its_cards_by_what_happens_in_the_cell(browser, ros):
         shows("Found")
         go_on(finished, completed=3, aborted=2)
         shows("Result")
+        expect(page.locator("#seen")).to_contain_text("The object is")
+        reporting.cancel()  # the nodes of a run that is over end, which is no fault of the tracker
+        expect(page.locator("#seen")).to_have_text("")
         assert violations(page) == {}
 
 

@@ -343,7 +343,8 @@ async function keepPictures() {
 }
 
 function drawCamera(moment, compared) {
-  const now = !moment && connection !== "over" && connection !== "ended", tracker = now ? story["node/tracker"] : undefined;
+  const over = connection === "over" || connection === "ended" || (story.plan?.phase === "finished" && run.isGone("node/tracker"));
+  const now = !moment && !over, tracker = now ? story["node/tracker"] : undefined;
   const live = now && picture && !run.isGone("image");
   const kept = now ? undefined : run.pictureAt(moment), address = live ? picture : kept && addressOf(kept);
   at("camera").hidden = connection === "over" && !run.pictures.length;
