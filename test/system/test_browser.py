@@ -1,9 +1,7 @@
 """The live view in a browser, on a simulated cell of real processes; one run for all tests that need one, in order."""
 
-import base64
 import contextlib
 import dataclasses
-import io
 import math
 import os
 import pathlib
@@ -13,7 +11,6 @@ import subprocess
 import sys
 import threading
 import time
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -21,7 +18,6 @@ import pytest
 from axe import AXE, WATCH_SHIFTS, restless, violations
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
-from PIL import Image
 from playwright.sync_api import Browser, Page, expect
 from std_msgs.msg import String
 
@@ -48,16 +44,7 @@ PUSHES = 80
 """More pushes than the tests take."""
 
 
-SCREEN, PHONE, MOVING = {"width": 1200, "height": 1270}, {"width": 390, "height": 844}, {"width": 1200, "height": 1040}
-"""Size of the docs' pictures [px]."""
-
-ALL_OF_IT = {"width": 1200, "height": 1460}
-
-LAST_PUSH = 14
-"""Number of the last push of the demo."""
-
-FILM, LONGEST_MS = (720, 624), 600
-"""Size of the moving picture [px], and how long one of its images is shown at most."""
+SCREEN, ALL_OF_IT = {"width": 1200, "height": 1270}, {"width": 1200, "height": 1460}
 
 expect.set_options(timeout=PATIENCE * 1e3)
 
@@ -80,12 +67,6 @@ def visit(browser: Browser, url: str, **kwargs):
     context.close()
     assert failures == []
     assert moved == []
-
-
-def make_small(path: pathlib.Path) -> None:
-    """Fewer colours for a picture of the docs."""
-    Image.open(path).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
-    assert path.stat().st_size < 200_000
 
 
 def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
@@ -751,58 +732,3 @@ def test_nothing_that_nodes_say_is_shown_beyond_its_age(browser, running, nodes,
                 os.kill(process, signal.SIGCONT)
         for row in rows(page):
             expect(row).not_to_have_class("stale")
-
-
-@pytest.fixture
-def whole_demo(tmp_path):
-    """Address of a demo's page, and the folder for the docs' pictures."""
-    if "PUSHFRIC_PICTURES" not in os.environ:
-        pytest.skip("PUSHFRIC_PICTURES names no folder for the docs' pictures")
-    command = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", "runs/first", "--view", "0"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as demo:
-        assert demo.stderr is not None
-        url = next(line.split()[1] for line in demo.stderr if line.startswith("view: http"))
-        threading.Thread(target=demo.stderr.read).start()  # so that it is never full
-        yield url, pathlib.Path(os.environ["PUSHFRIC_PICTURES"])
-        assert demo.wait(PATIENCE) == 0
-
-
-def test_pictures_for_the_docs(browser, whole_demo):
-    """The page on a screen and on a phone."""
-    url, folder = whole_demo
-    with (
-        visit(browser, url, viewport=SCREEN) as screen,
-        visit(browser, url, viewport=PHONE, is_mobile=True, color_scheme="dark") as phone,
-    ):
-        expect(screen.locator("#rows tr")).to_have_count(LAST_PUSH - 4)
-        for page, name in ((screen, "view.png"), (phone, "view_phone.png")):
-            expect(page.locator("#overlay")).to_be_visible()
-            page.screenshot(path=folder / name)
-            make_small(folder / name)
-
-
-def test_the_film_for_the_docs(browser, whole_demo):
-    """What moves on the page, from the first estimate to the last."""
-    url, folder = whole_demo
-    frames: list[tuple[float, bytes]] = []  # with their times [s]
-    unanswered: list[int] = []
-
-    def keep(frame: dict) -> None:
-        frames.append((frame["metadata"]["timestamp"], base64.b64decode(frame["data"])))
-        unanswered.append(frame["sessionId"])
-
-    with visit(browser, url, viewport=MOVING) as page:
-        expect(page.locator("#drawing .weight")).not_to_have_count(0)  # not while the nodes still start
-        cast = page.context.new_cdp_session(page)
-        cast.on("Page.screencastFrame", keep)
-        cast.send("Page.startScreencast", {"format": "png", "maxWidth": FILM[0], "maxHeight": FILM[1]})
-        while not page.locator("#result_page:not([hidden]), #now.lost").count():
-            while unanswered:  # the next image comes when this one is answered
-                cast.send("Page.screencastFrameAck", {"sessionId": unanswered.pop()})
-            page.wait_for_timeout(50)
-        cast.send("Page.stopScreencast")
-    times = [when for when, _ in sorted(frames)]
-    shown = [min(LONGEST_MS, 20 + round(1e3 * (after - before))) for before, after in pairwise(times)] + [4000]  # the end stays
-    first, *others = [Image.open(io.BytesIO(frame)).convert("RGB").resize(FILM) for _, frame in sorted(frames)]
-    first.save(folder / "demo.webp", save_all=True, append_images=others, duration=shown, loop=0, quality=60, method=3)
-    assert (folder / "demo.webp").stat().st_size < 3_000_000

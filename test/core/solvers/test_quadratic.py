@@ -146,11 +146,10 @@ def test_only_a_present_group_can_be_removed(program):
         program(0)
     three = program(3)
     three.add(group([1, 2, 3]))
-    with pytest.raises(ValueError, match="there is no group 1 to remove"):
-        three.remove(1)
     three.remove(0)
-    with pytest.raises(ValueError, match="there is no group 0 to remove"):
-        three.remove(0)
+    for gone in range(2):
+        with pytest.raises(ValueError, match=f"there is no group {gone} to remove"):
+            three.remove(gone)
 
 
 # ---- the linear program
