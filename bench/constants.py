@@ -19,14 +19,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.paper.pushes import NOISES, filmed, moved, objects, of_table_1, shapes
+from bench.paper.pushes import NOISES, Studied, filmed, moved, objects, of_table_1, shapes
 from bench.paper.spoilt import AFTER, BEFORE, SHIFTS, SPOILT, spoilt, with_moved_load
 from bench.public_pushes import DRAWS, FEW, PublicSet, sets_in
 from pushfric_core import TABLE_1, Observation, Twist, believe
 from pushfric_core.belief import constants
 from pushfric_core.belief.judge import judging
 from pushfric_core.belief.mistakes import LINEAR
-from pushfric_core.estimation.push_plan import even_pushes, slipping_pushes
+from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
 from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import ELLIPSE
 from pushfric_core.steps import finished
@@ -46,7 +46,7 @@ CHOOSES: dict[str, tuple[str, ...]] = {
         *("MOST_STRETCHES", "SECTORS", "WIDER", "FLOOR", "COMMON", "PAIRS"),
     ),
     "mu_c": ("MU_C", "MU_C_SPREAD", "VARIES", "FORCE_SPREAD", "SURELY_SLID", "LEAST_RATIO", "OPEN"),
-    "doubts": (*("FEWEST_COMPARED", "BAD_PUSH", "BROAD", "MANY_BAD", "CHANGED", "SHIFT", "SAME", "LATEST", "FEWEST_BEFORE"),),
+    "doubts": ("FEWEST_COMPARED", "BAD_PUSH", "BROAD", "MANY_BAD", "CHANGED", "SHIFT", "SAME", "LATEST", "FEWEST_BEFORE"),
     "mistakes": ("MISTAKE", "GEOMETRY", "MOST_COMPARED", "CLEAR", "REACH_OFF", "SMALL_SUPPORT"),
 }
 """What is said with the help of each constant of the belief."""
@@ -101,18 +101,18 @@ def measure(seeds: int, folders: Sequence[pathlib.Path], run: Callable[[list[Tri
         the median.
     """
     where = tuple(folders)
-    plain = [Trial(topic, (), seeds, where) for topic in CHOOSES]
+    plain = {topic: Trial(topic, (), seeds, where) for topic in CHOOSES}
     other = [
         Trial(topic, ((name, value),), seeds, where) for topic in CHOOSES for name in CHOOSES[topic] for value in others(name)
     ]
-    found = dict(run(plain + other))
-    gains = {trial: _gains(found[trial], found[plain[list(CHOOSES).index(trial.topic)]]) for trial in other}
+    found = dict(run([*plain.values(), *other]))
+    gains = {trial: _gains(found[trial], found[plain[trial.topic]]) for trial in other}
     halves: Numbers = {}
     if folders:
         chosen = {half: Trial("p_CF", _chosen(gains, half), seeds, where) for half in HALVES}
         found |= dict(run(list(chosen.values())))
         for half, trial in chosen.items():
-            halves |= {f"{half}, used": _judged(found[plain[0]], half), f"{half}, chosen": _judged(found[trial], half)}
+            halves |= {f"{half}, used": _judged(found[plain["p_CF"]], half), f"{half}, chosen": _judged(found[trial], half)}
             halves[f"{half}, chosen"]["values"] = _said(trial.values)
     return {"gains": {_said(trial.values): {"topic": trial.topic, **gain} for trial, gain in gains.items()}, "halves": halves}
 
@@ -233,11 +233,17 @@ def cases(topic: str, seeds: int, folders: tuple[pathlib.Path, ...]) -> list[Cas
     return list(makers[topic](seeds))
 
 
+def _studied(seeds: int, salt: int) -> Iterator[tuple[Studied, list[PlannedPush], np.random.Generator]]:
+    """Each simulated object with all its pushes, and chance of its own."""
+    for seed, (number, studied) in itertools.product(range(seeds), enumerate((objects() | shapes()).values())):
+        rng = np.random.default_rng((seed, number, salt))
+        yield studied, even_pushes(studied.outline, studied.plans["all"]), rng
+
+
 def _simulated(seeds: int) -> Iterator[Case]:
     """After FEW pushes, and after all."""
-    for seed, (number, studied) in itertools.product(range(seeds), enumerate((objects() | shapes()).values())):
-        rng = np.random.default_rng((seed, number, 7))
-        pushed = moved(studied, even_pushes(studied.outline, studied.plans["all"]), rng)
+    for studied, plan, rng in _studied(seeds, 7):
+        pushed = moved(studied, plan, rng)
         order = rng.permutation(len(pushed)).tolist()
         for spread, count in itertools.product(NOISES.values(), (FEW, len(pushed))):
             data = filmed(studied.outline, [pushed[index] for index in order[:count]], spread, rng)
@@ -264,9 +270,7 @@ def _sliding(seeds: int) -> Iterator[Case]:
 
 
 def _spoilt(seeds: int) -> Iterator[Case]:
-    for seed, (number, studied) in itertools.product(range(seeds), enumerate((objects() | shapes()).values())):
-        rng = np.random.default_rng((seed, number, 9))
-        plan = even_pushes(studied.outline, studied.plans["all"])
+    for studied, plan, rng in _studied(seeds, 9):
         pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
         before = moved(studied, pushes, rng)
         seen: list[tuple[Any, list[Any]]] = [(None, before)]
@@ -283,9 +287,8 @@ def _spoilt(seeds: int) -> Iterator[Case]:
 
 def _wrong(seeds: int) -> Iterator[Case]:
     """Motions that a mistake spoilt, without the tip, which would say much of them by itself."""
-    for seed, (number, studied) in itertools.product(range(seeds), enumerate((objects() | shapes()).values())):
-        rng = np.random.default_rng((seed, number, 10))
-        pushed = moved(studied, even_pushes(studied.outline, studied.plans["all"]), rng)
+    for studied, plan, rng in _studied(seeds, 10):
+        pushed = moved(studied, plan, rng)
         data = [replace(one, tip_velocity=None) for one in filmed(studied.outline, pushed, NOISES["FEET"], rng)]
         yield Case(SIMULATION, studied.support_points, data, None)
         for code, undone, _ in LINEAR:
