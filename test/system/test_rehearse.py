@@ -18,6 +18,7 @@ from pushfric_core.pushers.pusher import drive
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands import rehearse
+from pushfric_ros.node_kit.person import NoAnswer, Person
 from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS, Fault
 
@@ -131,6 +132,24 @@ def test_an_arm_keeps_the_contract(driver, fault, tmp_path, monkeypatch, capsys)
         arm.wait(60)
     assert capsys.readouterr().err.count("as it must be") == 1
     assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+def test_a_way_back_that_a_busy_machine_interrupts_is_tried_again(slide, tmp_path, monkeypatch, capsys):
+    jog, halves = Person.jog, []
+
+    def interrupted(person: Person, distance: float, speed: float) -> str:
+        jog(person, distance if halves else distance / 2, speed)
+        halves.append(distance)
+        if len(halves) == 1:
+            raise NoAnswer("this process stood still")
+        return ""
+
+    monkeypatch.setattr(Person, "jog", interrupted)
+    monkeypatch.setattr(rehearse, "CONTRACT", unhurried({"somebody calls actuator/stop"}))
+    slide.Slide(str(tmp_path / "device")).start()
+    rehearse_slide(tmp_path / "device")
+    assert capsys.readouterr().err.count("as it must be") == 1
+    assert halves[1] == pytest.approx(halves[0] / 2, abs=2e-3)
 
 
 def test_a_plug_that_is_pulled_ends_the_rehearsal_with_a_line():

@@ -91,3 +91,20 @@ def test_a_prompt_goes_with_the_node_that_gave_it(monkeypatch):
         assert "the experiment does not report" in shown()
         monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_FINISHED, count=3, message="3 of 3 pushes done"))
         assert "3 of 3 pushes done" in shown()  # it has said all it had to
+
+
+def test_what_a_run_without_prompts_awaits_is_printed_once_it_takes_long(monkeypatch):
+    console = Console(width=100)
+    wall = [0.0]
+    monkeypatch.setattr(watch, "time", types.SimpleNamespace(monotonic=lambda: wall[0]))
+    with (
+        contextlib.closing(watch.Monitor(console, "/waits", "pushing", None, live=False)) as monitor,
+        console.capture() as said,
+    ):
+        for message in ("waiting for: tracker", "push 1 of 3: place the object"):
+            monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_PLACING, count=3, message=message))
+            for seconds in (0.9, 0.2, 0.2):
+                monitor._tell()
+                wall[0] += seconds * watch.PATIENCE * (message != "waiting for: tracker")
+        monitor._tell()
+    assert said.get() == "push 1 of 3: place the object\n"

@@ -139,6 +139,19 @@ def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
     assert progress[-1].header == estimates[-1].header
 
 
+def test_the_belief_comes_when_a_push_is_over(ros, monkeypatch):
+    """However short the pause before the next one is."""
+    monkeypatch.setattr("pushfric_ros.nodes.estimator.QUIET", 1e6)
+    node, send, observations = estimator_of_samples(ros)
+    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    for msg in push(0, 10**18):
+        send(msg)
+    ros.wait_for(lambda: len(observations) == len(estimates) == 4, what="the estimates of a push")
+    assert estimates[-1].spread.data_points == 0
+    send(pusher_msg(10**18 + 38 * FRAME, 0.05, PusherState.NO_PUSH))
+    ros.wait_for(lambda: estimates[-1].spread.data_points == estimates[-1].data_points, what="the belief")
+
+
 def test_a_pause_within_a_push_is_told_in_the_diagnostics(ros):
     node, send, observations = estimator_of_samples(ros)
     reports = collect(ros, node, DiagnosticArray, "/diagnostics", RELIABLE)

@@ -49,7 +49,7 @@ def controller(tmp_path):
 class Table:
     """The table as the experiment sees it: poses of an object that lies where the test, or the prompt, puts it."""
 
-    def __init__(self, ros, tmp_path, actuator=None, **parameters) -> None:
+    def __init__(self, ros, tmp_path, actuator=None, period=0.02, **parameters) -> None:
         self.ros, self.obedient, self.object = ros, True, AWAY
         self.visible = self.observed = True
         self.wanted: list[Pose] = []
@@ -70,7 +70,7 @@ class Table:
         self._health_out = self._node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self._estimator_out = self._node.create_publisher(EstimatorProgress, "estimator_progress", LATCHED)
         self._observation_out = self._node.create_publisher(Observation, "observation", RELIABLE)
-        self._node.create_timer(0.02, self._show)
+        self._node.create_timer(period, self._show)
         self._estimator = self._node.create_service(SelectPush, "estimator/exclude_push", self._on_exclude)
         (tmp_path / "plan.yaml").write_text(PLAN)
         given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": DISTANCE, "speed": 0.08,
@@ -274,6 +274,12 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     table.wait_for_message("let it lie still")
     assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
     ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
+
+
+def test_few_frames_show_that_the_object_lies_still(ros, controller, tmp_path):
+    """No two of them are as far apart as `still` and within it."""
+    table = Table(ros, tmp_path, period=0.7 * STILL)
+    table.wait_for_message("the pusher moves")
 
 
 def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):

@@ -40,6 +40,9 @@ PROGRESS_TIMEOUT = 10.0
 LINGER = 0.2
 """Messages sent just before the end of a run may still be on their way for this long [s]."""
 
+PATIENCE = 15.0
+"""What a run without prompts does or awaits is printed after this long [s]: it may wait for ever."""
+
 PROMPTING = (
     PlanProgress.PHASE_WAITING,
     PlanProgress.PHASE_PLACING,
@@ -83,7 +86,7 @@ def watch(
         live: with a table that is redrawn in place; otherwise a line for each push.
         replayed: the observations in the bag, if one is played.
         unfinished: called with the push of the plan to go on with, if the run ends before the plan does.
-        prompts: without the table, print what the run waits for; the table shows it anyway.
+        prompts: without the table, print at once what the run waits for, not only once it takes long.
         recorded: folder of the bag that the run records. Its result is written there however the run ends, while only the
             view is left, which shows it. Even a run that ends well has failed if its bag, its live estimate and its plan
             disagree.
@@ -144,7 +147,7 @@ class Monitor:
         what: what is going on, for the progress bar.
         steps: number of pushes expected; None: the plan's progress gives it.
         live: show a table that is redrawn in place; otherwise print a line for each push.
-        prompts: without the table, print what the run waits for; the table shows it anyway.
+        prompts: without the table, print at once what the run waits for, not only once it takes long.
     """
 
     def __init__(
@@ -161,7 +164,8 @@ class Monitor:
         self.ended_at: int | None = None  # number of the push at which the plan was finished before its end
         self.planned = 0  # number of pushes that the run is to carry out, from the first that it was heard of
         self.aborted = 0  # number of these that did not reach their end
-        self._prompts = prompts and not live
+        self._prompts = prompts
+        self._unsaid: tuple[float, str] | None = None  # what is to be printed, and when
         self.keys: Keys | None = None  # of the operator's terminal
         self._namespace, self._phase = namespace, -1
         self._console, self._live = console, live
@@ -201,6 +205,7 @@ class Monitor:
             ):
                 self._visit.spin_once(0.05)
                 self._take_keys()
+                self._tell()
                 view.update(self._view())
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
@@ -251,10 +256,12 @@ class Monitor:
             self._progress.update(self._task, completed=push)
 
     def _on_progress(self, msg: PlanProgress) -> None:
-        if self._prompts and msg.message != self._message and msg.phase in PROMPTING:
+        if msg.message != self._message and not self._live:
             answers = " or ".join(filter(None, (self._hint(msg.phase), msg.details)))
             text = f"{msg.message}  ({answers})" if msg.phase == PlanProgress.PHASE_CHOOSING else msg.message
-            self._console.print(text, highlight=False, markup=False)
+            at_once = self._prompts and msg.phase in PROMPTING
+            self._unsaid = time.monotonic() + PATIENCE * (not at_once), text
+            self._tell()
         self._message, self._phase = msg.message, msg.phase
         finished = msg.phase == PlanProgress.PHASE_FINISHED
         self.aborted = msg.aborted
@@ -267,6 +274,12 @@ class Monitor:
         self.ended_at = index + 1 if early else None
         if self._plan_leads:
             self._progress.update(self._task, total=max(msg.count, 1), completed=msg.count if finished else index)
+
+    def _tell(self) -> None:
+        """Print what the run does or awaits, once it is due."""
+        if self._unsaid is not None and time.monotonic() >= self._unsaid[0]:
+            self._say(self._unsaid[1])
+            self._unsaid = None
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)

@@ -144,7 +144,7 @@ class ExperimentNode(Node):
             str, tuple[float, str]
         ] = {}  # by the source of stamps: how far they are ahead of this node's time [s], and the remedy
         self._following = self._followed()  # judges whether the poses of the present push are possible
-        self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns]
+        self._poses: list[tuple[int, Pose]] = []  # of the last `still` seconds [ns], and the last one before
         self._condition: tuple[Callable[[], bool], Future] | None = None
         topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
@@ -582,7 +582,7 @@ class ExperimentNode(Node):
             math.hypot(p.x - last.x, p.y - last.y) + 0.1 * abs(wrap(p.theta - last.theta)) < 2 * self._config.still_distance
             for _, p in self._poses
         )
-        long_enough = self._poses[-1][0] - self._poses[0][0] >= 0.9 * self._config.still * NANOSECONDS
+        long_enough = self._poses[-1][0] - self._poses[0][0] >= int(self._config.still * NANOSECONDS)
         return None if still and long_enough else "let it lie still"
 
     def _compare_clock(self, whose: str, stamp: int, remedy: str) -> None:
@@ -642,8 +642,10 @@ class ExperimentNode(Node):
         self._following.add_pose(PoseSample(stamp, pose))
         self._compare_clock("the camera", stamp, "set it, for example by NTP, or give the difference as time_offset")
         self._seen = time.monotonic()
-        oldest = stamp - int(self._config.still * NANOSECONDS)
-        self._poses = [(t, p) for t, p in self._poses if oldest <= t <= stamp] + [(stamp, pose)]
+        kept = [(t, p) for t, p in self._poses if t < stamp] + [(stamp, pose)]
+        # the last pose before that time stays, however few frames come
+        before = sum(t <= stamp - int(self._config.still * NANOSECONDS) for t, _ in kept)
+        self._poses = kept[max(before - 1, 0) :]
 
 
 def main() -> None:

@@ -24,12 +24,11 @@ from pushfric_ros.node_kit.person import NoAnswer
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
 from pushfric_ros.rehearsal.grbl_stage import GrblStage
-from pushfric_ros.rehearsal.stage import EVENT_TIMEOUT, MID_PUSH, REACTION, EndedEarly, Stage, end, words_of
+from pushfric_ros.rehearsal.stage import EVENT_TIMEOUT, MID_PUSH, REACTION, TRIES, EndedEarly, Stage, end, words_of
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]
 RESOLUTION = 2e-4  # of what is measured: a report comes every 20 ms, and positions between are interpolated [m]
 WATCHED = 1.0  # a pusher that rests is watched for this long [s]
-TRIES = 5
 LATE_GREETING = 3.0  # [s]
 LATE_ANSWERS = 0.08  # [s]
 SEEN_TWICE = 3.0  # a work offset comes with every 30th report at the latest [s]

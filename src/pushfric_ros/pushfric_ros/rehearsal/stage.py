@@ -33,6 +33,7 @@ AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
 EVENT_TIMEOUT = 180.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
 RESET_AGAIN = 2.0  # until a reset that was not enough is repeated [s]
+TRIES = 5  # of what a busy machine may interrupt
 
 
 class NotRehearsed(PushfricError):
@@ -296,13 +297,17 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.actuator.send_signal(signal.SIGCONT)
         if self.actuator is None or self.actuator.poll() is not None:
             self.start_actuator()
-        self.make_ready()
-        if abs(self.along()) > self.same:
+        for left in reversed(range(TRIES)):
+            self.make_ready()
+            if abs(self.along()) <= self.same:
+                return
             try:
                 self.person.jog(-self.along(), min(5 * self.given.speed, self.limits.max_speed))
             except NoAnswer as error:
-                raise EndedEarly(f"the pusher could not be brought back: {error}") from error
-            self.wait(lambda: abs(self.along()) <= self.same, "the pusher to be back")
+                if not left:
+                    raise EndedEarly(f"the pusher could not be brought back: {error}") from error
+            else:
+                self.wait(lambda: abs(self.along()) <= self.same, "the pusher to be back")
         self.make_ready()
 
     def make_ready(self) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+import time
 from collections import Counter
 from collections.abc import Generator
 from functools import partial
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
     from pushfric_core.bags.resumption import Resumption
 
 PROGRESS_PERIOD = 0.05
-"""Time between reports of how far the estimator has come, and between drawings, in wall time [s]."""
+"""Time between reports of how far the estimator has come, between drawings, and between looks for rest, in wall time [s]."""
 
 KINDS = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES}
 """The inputs' names in the ledger."""
@@ -66,7 +67,8 @@ HANDOVER_PERIOD = 0.2
 """While a restarted estimator catches up from the bag: time between two reads of the bag, in wall time [s]."""
 
 QUIET = 0.5
-"""Slow results are published when the estimate has not changed for this time, in wall time [s]."""
+"""During a push, the estimate is at rest if it has not changed for this time; between pushes, if it has not since the last look
+[s of wall time]."""
 
 
 class EstimatorNode(Node):
@@ -121,11 +123,12 @@ class EstimatorNode(Node):
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
         self.create_service(SelectPush, "~/exclude_push", self._on_exclude_push)
         self.create_service(SelectPush, "~/keep_push", self._on_keep_push)
-        self._previous: Estimate | None = None  # the estimate a moment ago
+        self._previous: Estimate | None = None  # the estimate at the last look
+        self._changed = 0.0  # when it was seen to have changed, by time.monotonic() [s]
+        self._pushing = True  # whether a push is under way, as far as is known
         self._steady: Estimate | None = None  # the last estimate that had not changed for a while
         self._settling: Generator[None, None, None] | None = None  # what is published at rest, in steps
         self._more = self.create_guard_condition(self._settle_on)
-        self.create_timer(QUIET, self._at_rest, clock=Clock(clock_type=ClockType.STEADY_TIME))
         # time that runs backwards means another run of the cell or a bag, whose data must not be mixed with earlier data
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
@@ -247,6 +250,7 @@ class EstimatorNode(Node):
                 self._take(self._maker.add_pose(pose_sample_from_msg(msg), received))
             else:
                 self._take(self._maker.add_pusher(pusher_sample_from_msg(msg), received))
+                self._pushing = msg.push_id != PusherState.NO_PUSH
         except ValueError as error:
             self._refused_messages[KINDS[topic]] += 1
             self._refuse(topic, error)
@@ -396,9 +400,11 @@ class EstimatorNode(Node):
 
     def _at_rest(self) -> None:
         """Publish what takes longer than an observation may wait, for an estimate that stays for a while."""
-        estimate = self._online.estimate
-        steady, self._previous = self._previous is estimate, estimate
-        if not steady or self._steady is estimate:
+        estimate, now = self._online.estimate, time.monotonic()
+        if self._previous is not estimate:
+            self._previous, self._changed = estimate, now
+            return
+        if self._steady is estimate or (self._pushing and now - self._changed < QUIET):
             return
         self._steady = estimate
         self._settling = self._settle()
@@ -437,6 +443,7 @@ class EstimatorNode(Node):
     def _report(self) -> None:
         self._publish_progress()
         self._publications.draw()
+        self._at_rest()
 
     def _publish_progress(self) -> None:
         """Publish the time up to which all poses have become observations, and whether these are judged, if it has changed."""
