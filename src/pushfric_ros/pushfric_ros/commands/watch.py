@@ -41,7 +41,7 @@ LINGER = 0.2
 """Messages sent just before the end of a run may still be on their way for this long [s]."""
 
 PATIENCE = 15.0
-"""What a run without prompts does or awaits is printed after this long [s]: it may wait for ever."""
+"""Time after which a run without prompts prints what it does or awaits [s]: it may wait for ever."""
 
 PROMPTING = (
     PlanProgress.PHASE_WAITING,
