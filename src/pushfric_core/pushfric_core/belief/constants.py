@@ -28,8 +28,9 @@ program."""
 ROUNDED = 0.03
 """Slopes see the corner of Coulomb's law rounded by this share of the rms arm times the turn."""
 
-LEAST_SCALE = 1e-3
-"""Least scale of the errors, as a share of the median length of a stretch: a fit of few stretches may be exact by chance."""
+LEAST_SCALE = 5e-3
+"""Least scale of the errors, as a share of the median length of a stretch: a fit of few stretches may be exact by chance. No
+pushes of docs/public_data.md are below .0087; with .001, the demo's object seemed to change in 5 of 24 runs."""
 
 FORCE_SPREAD = 0.15
 """Standard deviation of the logarithm of a measured ratio of shear to normal force while the tip slides."""

@@ -1,6 +1,7 @@
 """Runs a graph and shows the operator the last estimate of every push, and how far the plan has come."""
 
 import contextlib
+import math
 import os
 import pathlib
 import select
@@ -30,6 +31,7 @@ from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.recorded_run import disagreements, pushes_of, write_result
 from pushfric_ros.graph.graph import VIEW, NodeSpec
 from pushfric_ros.graph.supervisor import Ended, Supervisor
+from pushfric_ros.messages.markers import center_of_friction_from
 from pushfric_ros.node_kit.stop_button import press
 from pushfric_ros.node_kit.visit import COMMAND_LINE, Visit, enclave
 from pushfric_ros.nodes.monitor import MonitorNode
@@ -283,7 +285,7 @@ class Monitor:
 
     def _view(self) -> RenderableType:
         table = Table(box=None, header_style="bold", pad_edge=False)
-        for name in ("push", "observations", "p_CF x [mm]", "p_CF y [mm]", "mu_c 90 %", "mu_c 100 %", "fit [mm]"):
+        for name in ("push", "observations", "p_CF x [mm]", "p_CF y [mm]", "within [mm]", "mu_c", "fit [mm]"):
             table.add_column(escape(name), justify="right")
         for push, msg in self._rows.items():
             table.add_row(str(push), *_cells(msg))
@@ -311,20 +313,22 @@ class Monitor:
 
 def line_of(msg: FrictionEstimate) -> str:
     """An estimate as a line of text."""
-    points, x, y, p90, largest, error = _cells(msg)
+    points, x, y, within, mu_c, error = _cells(msg)
     noun = "observation " if msg.data_points == 1 else "observations"
-    bounds = f"mu_c 90 % {p90}, 100 % {largest}"
-    return f"push {msg.pushes:3d}  {points} {noun}  p_CF ({x}, {y}) mm  {bounds}  fit error {error} mm"
+    spread, friction = (f", within {within} mm" * (within != "-"), f"  mu_c {mu_c}" * (mu_c != "-"))
+    return f"push {msg.pushes:3d}  {points} {noun}  p_CF ({x}, {y}) mm{spread}{friction}  fit error {error} mm"
 
 
 def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
-    center, friction = msg.center_of_friction, msg.contact_friction
+    """The belief, each figure with a probability of 90 %, and the program's fit error; a dash where nothing is known yet."""
+    (x, y), friction = center_of_friction_from(msg), msg.contact_friction
+    mu_c = f"over {friction.low:.2f}" if math.isinf(friction.high) else f"{friction.low:.2f} to {friction.high:.2f}"
     return (
         f"{msg.data_points:3d}",
-        f"{center.x * 1e3:7.2f}",
-        f"{center.y * 1e3:7.2f}",
-        f"{friction.p90:.2f}",
-        f"{friction.max:.2f}",
+        f"{x * 1e3:z7.2f}",
+        f"{y * 1e3:z7.2f}",
+        "-" if math.isnan(msg.confidence) else f"{msg.confidence * 1e3:.2f}",
+        "-" if math.isnan(friction.low) else mu_c,
         f"{msg.objective * 1e3:.3f}",
     )
 
