@@ -79,6 +79,8 @@ def main(folder: pathlib.Path) -> None:
             page.goto(url)
         frames = filmed(moving, screen, phone, folder)
         browser.close()
+    if demo.returncode:
+        sys.exit(f"the demo ended with {demo.returncode}")
     first, *others = [Image.open(io.BytesIO(frame)).convert("RGB").resize(FILM) for _, frame in frames]
     shown = [min(LONGEST_MS, 20 + round(1e3 * (after - before))) for (before, _), (after, _) in pairwise(frames)] + [END_MS]
     first.save(folder / "demo.webp", save_all=True, append_images=others, duration=shown, loop=0, quality=60, method=3)
