@@ -2,6 +2,7 @@
 
 import re
 import time
+from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -13,9 +14,11 @@ from std_srvs.srv import Trigger
 
 from pushfric_core import TABLE_1, Pose, PushingLine
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
+from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
+from pushfric_core.trajectories.trajectory import PoseSample
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, Observation, PlanProgress, PusherState
 from pushfric_msgs.msg import TestPush as Candidate
@@ -26,7 +29,8 @@ from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes import experiment
 from pushfric_ros.nodes.actuator import ActuatorNode
-from pushfric_ros.nodes.experiment import ExperimentNode
+from pushfric_ros.nodes.experiment import ExperimentNode, reports
+from pushfric_ros.nodes.experiment.reports import ReportedPusher, SeenObject
 
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
@@ -201,7 +205,7 @@ def test_each_push_is_chosen_from_the_outcome_of_all_before_it(ros, controller, 
         # the estimator has not processed the last push yet
         table.wait_for_message("waiting for: the region of p_CF")
     region.publish(CenterOfFrictionRegion(collapsed=True))
-    ros.wait_for(lambda: table.node._region.collapsed, what="the collapse")
+    ros.wait_for(lambda: table.node._estimator._region.collapsed, what="the collapse")
     table.settled = time.time_ns()
     last = table.wait_for_end()
     assert (last.completed, last.aborted, last.count) == (2, 0, 3)
@@ -239,11 +243,11 @@ def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
     assert table.wait_for_message("waiting for: recorder").phase == PlanProgress.PHASE_WAITING
     assert not table.call("experiment/skip")  # there is no push to give up yet
     wanted, table.object = table.object, AWAY
-    ros.wait_for(lambda: table.node._misplaced(wanted) == "move it by about 260 mm")
+    ros.wait_for(lambda: table.node._object.misplaced(wanted, "") == "move it by about 260 mm")
     table.well.append("/cell/recorder")
     table.wait_for_message("move it by about 260 mm")
     life.end()  # the node has died, and is started again
-    ros.wait_for(lambda: table.node._unwell() == "estimator", 60.0, what="the silence of the estimator")
+    ros.wait_for(lambda: table.node._others.unwell() == "estimator", 60.0, what="the silence of the estimator")
     table.object = wanted
     table.wait_for_message("waiting for: estimator")
     assert not pushed(table.states)
@@ -335,7 +339,7 @@ def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, co
 
 
 def test_an_alarm_ends_a_run_that_nobody_attends(ros, controller, tmp_path, monkeypatch):
-    monkeypatch.setattr(experiment, "ALARM_PATIENCE", 0.5)
+    monkeypatch.setattr(experiment.operator, "ALARM_PATIENCE", 0.5)
     Table(ros, tmp_path, attended=False)
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
     controller.hit_limit()
@@ -438,7 +442,7 @@ def test_a_push_is_stopped_when_what_is_seen_does_not_follow_it(ros, controller,
         return seen[-1]
 
     table.shown = shown
-    ros.wait_for(lambda: table.node._awaits_choice, 60.0, what="the aborted push")
+    ros.wait_for(lambda: table.node._operator._asked, 60.0, what="the aborted push")
     assert max(state.position for state in table.states) < 0.025  # of 0.03: it was stopped
     said = capfd.readouterr().err
     assert "push 1 aborted: the object does not follow the pusher" in said
@@ -510,6 +514,22 @@ def test_an_estimator_that_is_behind_is_awaited_after_a_push(ros, controller, tm
     table._observation_out.publish(Observation(push_id=2))
     table.settled = (2**31 - 1) * 10**9
     assert table.wait_for_end().completed == 1
+
+
+def test_a_standstill_of_the_node_counts_as_silence_of_nobody(monkeypatch):
+    pusher, seen = ReportedPusher(3.0, lambda: True), SeenObject(TABLE_1["wood_rect4"].outline, PlanConfig(lost_object=1.0))
+    clock = SimpleNamespace(monotonic=lambda: 100.0)
+    monkeypatch.setattr(reports, "time", clock)
+    pusher.report(PusherState(mode=PusherState.MODE_IDLE, push_id=PusherState.NO_PUSH))
+    seen.report(PoseSample(0, AWAY))
+    clock.monotonic = lambda: 110.0
+    assert (pusher.hindrance(), seen.unseen) == ("it does not report", True)
+    pusher.excuse(9.5)
+    seen.excuse(9.5)
+    assert (pusher.hindrance(), pusher.forgotten(), seen.unseen) == (None, "", False)
+    pusher.excuse(9.5)  # nothing was heard later than now
+    clock.monotonic = lambda: 113.5
+    assert pusher.forgotten() == "its last report came 3.5 s ago; lost_result is 3 s"
 
 
 def test_a_person_ends_the_run_while_it_is_stopped(ros, controller, tmp_path):

@@ -76,27 +76,6 @@ class Awaited:
         self._missing -= {status.name for status in msg.status if status.level == DiagnosticStatus.OK or not self._at_first}
 
 
-class Figure:
-    """A figure that one node of a cell reports, whichever it is.
-
-    Args:
-        node: the node that listens, in the cell's namespace.
-        key: of the figure.
-    """
-
-    def __init__(self, node: Node, key: str) -> None:
-        self._cell, self._key = node.get_namespace(), key
-        self.text = ""  # as it was last reported; empty if it was not yet
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
-
-    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        for status in msg.status:
-            if (status.name.rpartition("/")[0] or "/") == self._cell:
-                for figure in status.values:
-                    if figure.key == self._key:
-                        self.text = figure.value
-
-
 class Diagnostics:
     """Publishes a node's health at 1 Hz, and more often at first, so that nobody waits long for its first OK.
 

@@ -1,0 +1,153 @@
+"""The other nodes of the cell, as the experiment knows them."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.task import Future
+
+from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.cell.node_settings import PlanConfig
+from pushfric_core.estimation.push_plan import PlannedPush
+from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, Observation
+from pushfric_msgs.srv import SelectPush
+from pushfric_ros.node_kit.diagnostics import NO_POSE, Awaited, Diagnostics
+from pushfric_ros.node_kit.heartbeat import Listener
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
+
+BEFORE_SLIPS = 3  # pushes for p_CF, before every other one that is chosen is for mu_c
+
+
+class EstimatorAccount:
+    """How far the estimator has come, which push it proposes, and which pushes it must leave out. A run may go without one.
+
+    Args:
+        node: the experiment's.
+        topics: of the node.
+        chooses: whether the estimator's results choose the pushes.
+    Attributes:
+        settled: the time up to which it has processed everything [ns].
+        pushed: when the last push ended [ns].
+        unwanted: aborted pushes whose observations it must still leave out, once it has made all of them.
+    """
+
+    def __init__(self, node: Node, topics: Diagnostics, chooses: bool) -> None:
+        self.settled = self.pushed = -1
+        self._newest = -1  # its newest observation [ns]
+        self._observed = -1  # the push that this is of
+        self._region: CenterOfFrictionRegion | None = None
+        self._mu_c = ContactFriction()
+        self.unwanted: list[int] = []
+        self._exclude, self._excluding = node.create_client(SelectPush, "estimator/exclude_push"), Future()
+        self._excluding.set_result(None)
+        if chooses:
+            topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
+            topics.subscribe(ContactFriction, "contact_friction", self._on_contact_friction, LATCHED)
+        # not a topic without which the node is unwell
+        self._progress = node.create_subscription(EstimatorProgress, "estimator_progress", self._on_progress, LATCHED)
+        node.create_subscription(Observation, "observation", self._on_observation, RELIABLE)
+
+    @property
+    def complete(self) -> bool:
+        """Whether it has processed all that was seen, and knows what to leave out."""
+        estimated = self.settled >= self.pushed or not self._progress.get_publisher_count()
+        return estimated and not self.unwanted and self._excluding.done()
+
+    def lacks(self, push_id: int) -> bool:
+        """Whether an observation of this push is still missed."""
+        return bool(self._progress.get_publisher_count()) and self._observed != push_id
+
+    def look(self) -> None:
+        """Tell it what to leave out, if it is time."""
+        due = self.unwanted and self._excluding.done() and self.settled >= self.pushed
+        if due and self._progress.get_publisher_count() and self._exclude.service_is_ready():
+            # the estimator refuses if nothing was observed of the push, which is as well
+            self._excluding = self._exclude.call_async(SelectPush.Request(push_id=self.unwanted.pop()))
+
+    def knows(self, index: int) -> bool:
+        """Whether all that chooses the push of this index is known, from the whole last push."""
+        known = self._region is not None and stamp_from_msg(self._region.header.stamp) == self._newest
+        known = known and (index < BEFORE_SLIPS or stamp_from_msg(self._mu_c.header.stamp) == self._newest)
+        return known and self.settled >= self.pushed
+
+    def next_push(self, index: int) -> PlannedPush | None:
+        """The next push, once its choice `knows` enough; None if no push is of use.
+
+        It is the one that shrinks the region of p_CF most; but from the fourth on, as long as mu_c has no value, every other
+        push is one that slips.
+        """
+        assert self._region is not None
+        shrink, slip = self._region.next_pushes[:1], []
+        if index >= BEFORE_SLIPS and self._mu_c.kind in (ContactFriction.KIND_UNKNOWN, ContactFriction.KIND_BOUND):
+            turn = (index - BEFORE_SLIPS) // 2
+            slip = self._region.slip_pushes[turn : turn + 1]
+        chosen = [*slip, *shrink] if (index - BEFORE_SLIPS) % 2 == 0 else [*shrink, *slip]
+        return next((PlannedPush(one.edge, one.offset, one.angle) for one in chosen), None)
+
+    def _on_progress(self, msg: EstimatorProgress) -> None:
+        self.settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
+
+    def _on_observation(self, msg: Observation) -> None:
+        self._observed = msg.push_id
+
+    def _on_region(self, msg: CenterOfFrictionRegion) -> None:
+        self._region = msg
+
+    def _on_contact_friction(self, msg: ContactFriction) -> None:
+        self._mu_c = msg
+
+
+class Others:
+    """Whether the other nodes receive what a push shows, by clocks that agree, and are of this cell.
+
+    Args:
+        node: the experiment's.
+        config: which nodes are awaited, and by how much clocks may differ.
+        lifeless: age of the last heartbeat of a node that is not well [s].
+        plan: full name of the topic that a cell has one publisher of.
+    Attributes:
+        awaited: the nodes that must report that they are well.
+        no_pose: why there are no poses of the object, as whichever node publishes them says; empty if there are.
+    """
+
+    def __init__(self, node: Node, config: PlanConfig, lifeless: float, plan: str) -> None:
+        self._node, self._config, self._lifeless, self._plan = node, config, lifeless, plan
+        self.awaited, self._life = Awaited(node, config.awaits), Listener(node)
+        # by the source of stamps: how far they are ahead of this node's time [s], and the remedy
+        self._offsets: dict[str, tuple[float, str]] = {}
+        self.no_pose = ""
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
+
+    def compare_clock(self, whose: str, stamp: int, remedy: str) -> None:
+        """Note the stamp [ns] of a message that has just come."""
+        now = self._node.get_clock().now().nanoseconds
+        if now:  # simulated time has begun
+            self._offsets[whose] = (stamp - now) / 1e9, remedy
+
+    def unwell(self) -> str | None:
+        """The nodes that have not reported OK yet, or whose heartbeat has stopped; None if there is none."""
+        self._life.look()
+        signs = {name: self._life.node(name) for name in self._config.awaits}
+        lifeless = {name for name, sign in signs.items() if sign is not None and sign.age > self._lifeless}
+        return ", ".join(sorted(lifeless.union(self.awaited.missing))) or None
+
+    def foreign_clock(self) -> str | None:
+        """Which stamps differ from this node's time, by how much, and what to do; None if all agree."""
+        for whose, (offset, remedy) in self._offsets.items():
+            if abs(offset) > self._config.clock_tolerance:
+                way = "ahead of" if offset > 0 else "behind"
+                return f"the clock of {whose} is {abs(offset):.0f} s {way} this computer's: {remedy}"
+        return None
+
+    def namesake(self) -> str | None:
+        """Whether another cell or node has a name that is used here; on another computer, no lock keeps it from starting."""
+        if self._life.twins:
+            return f"two nodes named {self._life.twins[0]} are running on this ROS domain: end one of them"
+        if len(self._node.get_publishers_info_by_topic(self._plan)) < 2:
+            return None
+        return (
+            f"another cell named {self._node.get_namespace()} is running on this ROS domain: end it, or rename one of the two"
+        )
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            if (status.name.rpartition("/")[0] or "/") == self._node.get_namespace():
+                self.no_pose = next((figure.value for figure in status.values if figure.key == NO_POSE), self.no_pose)
