@@ -308,7 +308,7 @@ def as_it_came(messages):
         name = message.topic.removeprefix("/cell/")
         if name in (*POSE_TOPICS, PLAN):
             node._take_input(name, bag.deserialize(message), message.log_time_ns)
-    ledger = node._ledger()
+    ledger = node._now.ledger()
     node.destroy_node()
     return ledger
 

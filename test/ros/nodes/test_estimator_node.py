@@ -141,7 +141,7 @@ def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
 
 def test_the_belief_comes_when_a_push_is_over(ros, monkeypatch):
     """However short the pause before the next one is."""
-    monkeypatch.setattr("pushfric_ros.nodes.estimator.QUIET", 1e6)
+    monkeypatch.setattr("pushfric_ros.nodes.estimator.rest.QUIET", 1e6)
     node, send, observations = estimator_of_samples(ros)
     estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
     for msg in push(0, 10**18):

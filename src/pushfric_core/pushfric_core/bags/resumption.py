@@ -16,6 +16,7 @@ from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.mcap_file import GrowingFile
 from pushfric_core.bags.run_record import PLAN
 from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 
@@ -42,15 +43,14 @@ class Resumption:
         start: the last message of earlier estimators about what they estimate, and since when; None if there was none.
         settings: the last settings that they published; None if they published none.
         continuation: the new estimator's number, which it is to publish.
+        heard: whether the bag held that number at the last reading.
         published: (push id, stamp [ns]) of the observations in the bag.
     Raises:
-        OSError: the bag cannot be read.
-        ValueError: the bag, or a message in it, is not what it should be.
+        InvalidInput: the bag cannot be read, or it, or a message in it, is not what it should be.
     """
 
     def __init__(self, bag: pathlib.Path, namespace: str, inputs: Sequence[str]) -> None:
-        self._file = GrowingFile(mcap_file(bag))
-        self._inputs = inputs
+        self._bag, self._file, self._inputs = bag, GrowingFile(mcap_file(bag)), inputs
         self._names = {f"{namespace.rstrip('/')}/{name}": name for name in INPUTS}
         self._recorded: dict[str, int] = {}  # newest stamp of each input in the bag [ns]
         self._came: dict[str, int] = {}  # stamp of the first message of each that came by topic [ns]
@@ -60,7 +60,7 @@ class Resumption:
         self.settings: EstimatorSettings | None = None
         self.continuation = time.time_ns()
         self._since = 0  # when the estimate began, by the clock of the cell [ns]
-        self._heard = False  # whether the bag holds the new estimator's number
+        self.heard = False
         self._past = self._read()
 
     def hold(self, topic: str, msg: Any, received: int | None) -> None:
@@ -74,7 +74,7 @@ class Resumption:
         It returns None while the bag does not hold the new estimator's number. It raises the errors of the class.
         """
         self._past += self._read()
-        if not self._heard:
+        if not self.heard:
             return None
         past, self._past = self._past, []
         # messages recorded earlier belong to an abandoned estimate; a start may itself be recorded late
@@ -89,22 +89,25 @@ class Resumption:
 
     def _read(self) -> list[Input]:
         found: list[Input] = []
-        for message in self._file.read_on():
-            name = self._names.get(self._file.channels[message.channel_id].topic)
-            if name is None:
-                continue
-            msg = self._file.decoded(message)
-            if name == START_TOPIC and msg.continuation:
-                self._heard = self._heard or msg.continuation == self.continuation
-            elif name == START_TOPIC:
-                self.start, self._since = msg, stamp_from_msg(msg.header.stamp)
-            elif name == SETTINGS_TOPIC:
-                self.settings = EstimatorSettings.from_text(msg.data)
-            elif name == "observation":
-                self.published.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
-            elif name == PLAN or name in self._inputs:
-                self._recorded[name] = stamp_from_msg(msg.header.stamp)
-                found.append(Input(name, msg, message.log_time))
+        try:
+            for message in self._file.read_on():
+                name = self._names.get(self._file.channels[message.channel_id].topic)
+                if name is None:
+                    continue
+                msg = self._file.decoded(message)
+                if name == START_TOPIC and msg.continuation:
+                    self.heard = self.heard or msg.continuation == self.continuation
+                elif name == START_TOPIC:
+                    self.start, self._since = msg, stamp_from_msg(msg.header.stamp)
+                elif name == SETTINGS_TOPIC:
+                    self.settings = EstimatorSettings.from_text(msg.data)
+                elif name == "observation":
+                    self.published.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
+                elif name == PLAN or name in self._inputs:
+                    self._recorded[name] = stamp_from_msg(msg.header.stamp)
+                    found.append(Input(name, msg, message.log_time))
+        except (OSError, ValueError) as error:
+            raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
         return found
 
 
