@@ -64,7 +64,7 @@ def test_the_demo_reports_every_push_and_draws_its_figure(demo):
     assert (result["truth"], result["bag"]) == (TABLE_1["rubber_rect4"].to_dict(), str(bag))
     pushes = [line for line in run.stderr.splitlines() if line.startswith("push")]
     assert len(pushes) == 14
-    believed = r"(, within \d+\.\d\d mm)?(  mu_c (over \S+|\S+ to \S+))?"
+    believed = r"(, within \d+\.\d\d mm)?(  mu_c (over \S+|\S+\.\.\S+))?"
     assert all(re.search(rf"p_CF \( *\S+, +\S+\) mm{believed}  fit error", push) for push in pushes)
     assert ", within 0." in pushes[-1]
     assert (bag / "figure.png").read_bytes().startswith(b"\x89PNG")

@@ -322,7 +322,8 @@ def line_of(msg: FrictionEstimate) -> str:
 def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
     """The belief, each figure with a probability of 90 %, and the program's fit error; a dash where nothing is known yet."""
     (x, y), friction = center_of_friction_from(msg), msg.contact_friction
-    mu_c = f"over {friction.low:.2f}" if math.isinf(friction.high) else f"{friction.low:.2f} to {friction.high:.2f}"
+    # no wider, or a terminal of 80 columns would break the cells
+    mu_c = f"over {friction.low:.2f}" if math.isinf(friction.high) else f"{friction.low:.2f}..{friction.high:.2f}"
     return (
         f"{msg.data_points:3d}",
         f"{x * 1e3:z7.2f}",
