@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from pushfric_core.geometry.planar import cross, left_of
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import ConstraintRows
 
 
 def highs(rows, n=None, direction=None, limit=None):

@@ -10,9 +10,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.contents import BagMessage
-from pushfric_core.bags.message_types import known_types
+from pushfric_core.bags.message_types import encoder, known_types
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_ros.messages.conversions import stamp_to_msg
 

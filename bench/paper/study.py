@@ -26,7 +26,7 @@ from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slippin
 from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import ELLIPSE
-from pushfric_core.offline.workers import results
+from pushfric_core.offline.many import results
 from pushfric_core.records import to_json
 
 SEEDS = 200

@@ -21,8 +21,8 @@ from scipy.io import loadmat
 
 from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_set, save_strokes
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
+from pushfric_core.files.csv_files import save_observations
 from pushfric_core.files.file_errors import reading, shortened
-from pushfric_core.files.observation_file import save_observations
 from pushfric_core.files.whole_file import make_folder
 from pushfric_core.geometry.planar import Array, Pose, Twist, cross, log
 

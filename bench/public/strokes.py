@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pushfric_core import InvalidInput, Observation, Outline
-from pushfric_core.files.csv_table import read_table, save_table
+from pushfric_core.files.csv_files import read_table, save_observations, save_table
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
-from pushfric_core.files.observation_file import save_observations
 from pushfric_core.geometry import planar
 from pushfric_core.geometry.planar import Array, Pose, compose, exp, inverse, rotation, transform
 

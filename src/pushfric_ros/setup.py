@@ -48,9 +48,9 @@ setup(
             "twist = pushfric_ros.arms.twist:TwistConfig",
         ],
         "pushfric.sources": [
-            "odometry = pushfric_ros.adapters.odometry:OdometryConfig",
-            "pose_array = pushfric_ros.adapters.pose_array:PoseArrayConfig",
-            "pose_stamped = pushfric_ros.adapters.pose_stamped:PoseStampedConfig",
+            "odometry = pushfric_ros.adapters.body:OdometryConfig",
+            "pose_array = pushfric_ros.adapters.body:PoseArrayConfig",
+            "pose_stamped = pushfric_ros.adapters.body:PoseStampedConfig",
             "transforms = pushfric_ros.adapters.transforms:TransformsConfig",
         ],
     },

@@ -33,8 +33,3 @@ def no_such(kind: str, word: str, known: Iterable[str], see: str) -> str:
     names = {name.lstrip("-"): name for name in known}  # --cell is not like --help
     nearest = difflib.get_close_matches(word.lstrip("-"), list(names), n=1, cutoff=0.65)
     return f"no such {kind} {word!r}; {f'did you mean {names[nearest[0]]}? ' if nearest else ''}see {see}"
-
-
-def observations_of(observations: int, pushes: int) -> str:
-    """The basis of an estimate: 81 observations of 14 pushes."""
-    return f"{counted(observations, 'observation')} of {counted(pushes, 'push', 'pushes')}"

@@ -11,8 +11,8 @@ from problems import observations_of
 from pushfric_core import TABLE_1, Estimator, HalfPlanes, InvalidInput, Observation, Twist, next_pushes
 from pushfric_core.estimation.push_choice import planned_pushes
 from pushfric_core.estimation.region import RegionConfig, line_of_motion
+from pushfric_core.files.csv_files import REQUIRED
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.observation_file import REQUIRED
 from pushfric_core.files.plan_file import load_plan
 
 NAME = "wood_rect3"

@@ -12,8 +12,8 @@ from pushfric_core import TABLE_1, InvalidInput, Outline
 from pushfric_core.cell.cell_file import SECTIONS, driver_kinds, load_cell
 from pushfric_core.cell.node_settings import ImagesConfig
 from pushfric_core.estimation.push_plan import PlannedPush
+from pushfric_core.files.csv_files import read_observations
 from pushfric_core.files.object_file import load_object, read_points, save_object
-from pushfric_core.files.observation_file import read_observations
 from pushfric_core.files.plan_file import load_plan, save_plan
 from pushfric_core.settings import key_of
 from pushfric_ros.graph import graph

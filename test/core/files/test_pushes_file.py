@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pushfric_core import InvalidInput, Outline
-from pushfric_core.files.pushes_file import MOVED, TURNED, read_edge_pushes, read_point_pushes
+from pushfric_core.files.csv_files import MOVED, TURNED, read_edge_pushes, read_point_pushes
 
 OUTLINE = Outline.rectangle(0.1, 0.06)
 

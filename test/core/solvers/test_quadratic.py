@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from programs import group, highs, pushes
 from scipy.optimize import minimize, nnls
 
-from pushfric_core.program.constraint_rows import ConstraintRows, stack
+from pushfric_core.program.constraints import ConstraintRows, stack
+from pushfric_core.solvers.active_set import nearest_uniform
 from pushfric_core.solvers.osqp import OsqpProgram
 from pushfric_core.solvers.program import Loss, Status, certify
 from pushfric_core.solvers.simplex import Simplex
-from pushfric_core.solvers.tie_break import nearest_uniform
 
 SEEDS = st.integers(0, 2**32 - 1)
 QUICK = settings(derandomize=True, deadline=None, max_examples=15)

@@ -8,14 +8,15 @@ from problems import rows_of
 from programs import group, highs, pushes
 
 from pushfric_core.geometry.planar import Twist, left_of
-from pushfric_core.program.constraint_rows import ConstraintRows, stack
 from pushfric_core.program.constraints import (
     Cone,
+    ConstraintRows,
     Frictionless,
     Moment,
     NormalForce,
     SensedDirection,
     SensedForce,
+    stack,
 )
 from pushfric_core.solvers import basis, pivoting
 from pushfric_core.solvers import simplex as simplex_module

@@ -27,3 +27,6 @@ SECTIONS = {
 adds to that."""
 
 COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}
+
+MODULES = {"check-cell": "check_cell"}
+"""Modules of the commands whose name is not that of a module."""

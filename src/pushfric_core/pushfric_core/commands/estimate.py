@@ -22,8 +22,8 @@ from pushfric_core.commands.options import (
 from pushfric_core.commands.result import ledger_table, print_result
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.model_file import check_name, save_model
-from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.records import to_json
 

@@ -13,7 +13,7 @@ from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.planning import ModelArgument, known
 from pushfric_core.commands.result import answer
-from pushfric_core.files.pushes_file import MOVED, read_point_pushes
+from pushfric_core.files.csv_files import MOVED, read_point_pushes
 from pushfric_core.mechanics.prediction import predict as predicted
 
 app = Application()

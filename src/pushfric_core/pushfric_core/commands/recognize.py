@@ -17,8 +17,8 @@ from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation import batch
 from pushfric_core.estimation.recognition import Recognizer
+from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.model_file import library
-from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.inputs import object_of, with_support
 
 

@@ -10,7 +10,7 @@ from pushfric_core.commands.json_option import JsonOption
 from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.planning import ModelArgument, known
 from pushfric_core.commands.result import answer
-from pushfric_core.files.pushes_file import TURNED, read_edge_pushes
+from pushfric_core.files.csv_files import TURNED, read_edge_pushes
 from pushfric_core.mechanics.prediction import stability
 
 app = Application()

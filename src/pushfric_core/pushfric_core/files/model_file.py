@@ -23,7 +23,7 @@ from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
 from pushfric_core.records import plain
 from pushfric_core.trajectories.observation import PUSH_IDS, Observation
-from pushfric_core.wording import observations_of
+from pushfric_core.wording import data_of
 
 SUFFIXES = (".yaml", ".yml")
 FORMAT = 2
@@ -151,7 +151,7 @@ class ModelFile(Strict):
         """The origin of the model, and whether it may be used, in words."""
         made = self.made
         verdict = "no verdict" if made.verdict is None else "; ".join(made.verdict) or "may be used"
-        return f"{self.object.name}: {observations_of(made.data_points, made.pushes)} from {made.source}; verdict: {verdict}"
+        return f"{self.object.name}: {data_of(made.data_points, made.pushes)} from {made.source}; verdict: {verdict}"
 
     def observations(self) -> list[Observation]:
         """The observations that the model was made from, in order."""

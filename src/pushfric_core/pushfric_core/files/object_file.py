@@ -14,7 +14,7 @@ import yaml
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.bounded_yaml import TEXT_LIMIT, load_yaml
-from pushfric_core.files.csv_table import read_table
+from pushfric_core.files.csv_files import read_table
 from pushfric_core.files.file_errors import reading, shortened, text_of
 from pushfric_core.files.whole_file import write_whole
 from pushfric_core.files.yaml_edit import Value, with_values

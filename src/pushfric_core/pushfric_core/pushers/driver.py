@@ -25,7 +25,6 @@ from pushfric_core.pushers.driver_states import (
     Role,
     Trust,
 )
-from pushfric_core.pushers.push_states import Homing
 from pushfric_core.pushers.pusher import (
     POLL_PERIOD,
     Halted,
@@ -40,7 +39,7 @@ from pushfric_core.pushers.pusher import (
     Timeout,
     TooFast,
 )
-from pushfric_core.pushers.state_table import State, step
+from pushfric_core.pushers.states import Homing, State, step
 from pushfric_core.pushers.stroke import Stroke
 
 Script = Generator[None, None, None]

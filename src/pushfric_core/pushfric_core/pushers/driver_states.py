@@ -2,8 +2,7 @@
 
 from enum import Enum
 
-from pushfric_core.pushers.push_states import Homing
-from pushfric_core.pushers.state_table import Row, State
+from pushfric_core.pushers.states import Homing, Row, State
 
 
 class Phase(Enum):

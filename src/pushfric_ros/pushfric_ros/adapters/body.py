@@ -1,9 +1,15 @@
-"""Tracked bodies in the messages of other systems, one module for each kind."""
+"""Tracked bodies in the messages of other systems, and the sources of a single topic.
+
+PoseStamped comes from most motion capture drivers, visual trackers, and as the pose of an arm's tool; Odometry from mobile
+robots, and trackers with a filter of their own; PoseArray from motion capture that publishes all its bodies in one message.
+"""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from pushfric_core.cell.mount import Body
+from pushfric_core.settings import check_ranges, setting
 
 
 class Source(Protocol):
@@ -58,3 +64,56 @@ def chain(path: Sequence[Body]) -> Body:
     for inner in path[1:]:
         whole = whole.before(inner)
     return whole
+
+
+@dataclass(frozen=True)
+class PoseStampedConfig:
+    """A topic of poses."""
+
+    topic: str = setting("pose", "name of the topic, geometry_msgs/PoseStamped")
+
+    def open_source(self) -> Source:
+        """The source."""
+        return Single(
+            self.topic,
+            "geometry_msgs/msg/PoseStamped",
+            "sensor_data",
+            lambda msg: Body.of(msg.header.stamp, msg.pose.position, msg.pose.orientation),
+        )
+
+
+@dataclass(frozen=True)
+class PoseArrayConfig:
+    """A body among several on a topic."""
+
+    topic: str = setting("poses", "name of the topic, geometry_msgs/PoseArray")
+    index: int = setting(0, "place of the body in the array, from 0", 0, 10_000)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def open_source(self) -> Source:
+        """The source."""
+        return Single(self.topic, "geometry_msgs/msg/PoseArray", "sensor_data", self._found)
+
+    def _found(self, msg: Any) -> Body | None:
+        if self.index >= len(msg.poses):
+            raise ValueError(f"a message has {len(msg.poses)} poses, none with the index {self.index}")
+        pose = msg.poses[self.index]
+        return Body.of(msg.header.stamp, pose.position, pose.orientation)
+
+
+@dataclass(frozen=True)
+class OdometryConfig:
+    """A topic of odometry, whose pose is used."""
+
+    topic: str = setting("odom", "name of the topic, nav_msgs/Odometry")
+
+    def open_source(self) -> Source:
+        """The source."""
+        return Single(
+            self.topic,
+            "nav_msgs/msg/Odometry",
+            "sensor_data",
+            lambda msg: Body.of(msg.header.stamp, msg.pose.pose.position, msg.pose.pose.orientation),
+        )

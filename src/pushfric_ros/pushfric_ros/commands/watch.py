@@ -21,7 +21,7 @@ from rich.text import Text
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.commands.console import warn
-from pushfric_core.commands.interrupt import end_at_once
+from pushfric_core.commands.program import end_at_once
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.push_plan import index_of
 from pushfric_core.geometry.table_1 import TableObject
