@@ -41,13 +41,12 @@ from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig
-from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.files.csv_files import OPTIONAL, REQUIRED, read_edge_pushes, read_observations, read_point_pushes
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object, read_points
 from pushfric_core.files.plan_file import load_plan
-from pushfric_core.files.yaml_edit import with_values
+from pushfric_core.files.yaml_files import load_yaml, with_values
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.summary import write_table
@@ -69,7 +68,7 @@ from pushfric_ros.messages.conversions import (
     observation_to_msg,
 )
 from pushfric_ros.messages.types import definition
-from pushfric_ros.node_kit.domain import domain
+from pushfric_ros.node_kit.lock import domain
 from pushfric_ros.nodes.planner.answers import Answers, Known
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]

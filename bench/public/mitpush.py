@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_set, save_strokes
+from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_observations, save_set, save_strokes
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
-from pushfric_core.files.csv_files import save_observations
 from pushfric_core.files.file_errors import reading, shortened
 from pushfric_core.files.whole_file import make_folder
 from pushfric_core.geometry.planar import Array, Pose, Twist, cross, log

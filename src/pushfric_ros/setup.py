@@ -51,7 +51,7 @@ setup(
             "odometry = pushfric_ros.adapters.body:OdometryConfig",
             "pose_array = pushfric_ros.adapters.body:PoseArrayConfig",
             "pose_stamped = pushfric_ros.adapters.body:PoseStampedConfig",
-            "transforms = pushfric_ros.adapters.transforms:TransformsConfig",
+            "transforms = pushfric_ros.adapters.body:TransformsConfig",
         ],
     },
     zip_safe=False,

@@ -1,6 +1,17 @@
-"""Numbers and names in sentences."""
+"""Numbers and names in sentences, and reasons: a text for people, and a code for programs."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
+
+
+class Reason(NamedTuple):
+    """A reason; as text, what it says to people."""
+
+    code: str  # for programs: a constant of pushfric_msgs/Reason, in lower case
+    text: str  # for people: the likely cause, and what to do
+
+    def __str__(self) -> str:
+        return self.text
 
 
 def counted(number: int, one: str, several: str = "") -> str:

@@ -11,7 +11,7 @@ from enum import Enum
 
 import pytest
 
-from pushfric_core.pushers.driver_states import (
+from pushfric_core.pushers.driver import (
     AT_FIRST,
     DRIVER,
     DriverAction,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.bounded_yaml import load_yaml
 from pushfric_core.files.file_errors import reading
+from pushfric_core.files.yaml_files import load_yaml
 
 METADATA = "metadata.yaml"
 

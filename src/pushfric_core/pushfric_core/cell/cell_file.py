@@ -29,7 +29,7 @@ from pushfric_core.cell.node_settings import (
 )
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.object_file import yaml_content
+from pushfric_core.files.yaml_files import yaml_content
 from pushfric_core.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, spare_trackers, tracker_kinds
 from pushfric_core.pushers.pusher import PusherConfig, PusherDriver
 from pushfric_core.settings import fields_of, key_of, read, setting

@@ -28,5 +28,5 @@ adds to that."""
 
 COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}
 
-MODULES = {"check-cell": "check_cell"}
+MODULES = {"check-cell": "check_cell", "predict": "planning", "stable": "planning", "report": "view"}
 """Modules of the commands whose name is not that of a module."""

@@ -5,7 +5,7 @@ import pathlib
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import typer
@@ -196,3 +196,16 @@ def _expected(parameter: Any, wrong: Mapping[str, Any]) -> str:
     if low is not None and high is not None:
         return f"{number} from {low} to {high}"
     return f"{number}, {low} or more" if low is not None else f"{number}, at most {high}" if high is not None else number
+
+
+STDOUT = "-"
+"""The value of an option for a JSON file if no file is given."""
+
+SUFFIX = ".json"
+
+
+def spelled_out(arguments: Sequence[str]) -> list[str]:
+    """Arguments in which --json and --ledger have a value: what follows, if that is the name of a JSON file, else STDOUT."""
+    pairs = zip(arguments, [*arguments, ""][1:], strict=True)
+    options = ("--json", "--ledger")
+    return [f"{one}={STDOUT}" if one in options and not after.endswith(SUFFIX) else one for one, after in pairs]

@@ -10,11 +10,11 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.application import STDOUT, Application
+from pushfric_core.commands.console import warn, write_json
+from pushfric_core.commands.options import JsonOption
 from pushfric_core.estimation.batch import Warn
-from pushfric_core.files.object_file import Strict, read_yaml
+from pushfric_core.files.yaml_files import Strict, read_yaml
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.records import to_json
 

@@ -18,9 +18,8 @@ import typer.main
 
 import pushfric_core
 from pushfric_core import commands
-from pushfric_core.commands.application import HELP, Application, Group, PlainCommand, UsageError, complaint
+from pushfric_core.commands.application import HELP, Application, Group, PlainCommand, UsageError, complaint, spelled_out
 from pushfric_core.commands.console import fail
-from pushfric_core.commands.json_option import spelled_out
 from pushfric_core.commands.program import undoing
 from pushfric_core.errors import InvalidInput, MissingPackage, PushfricError
 

@@ -7,14 +7,15 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, say, warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, LedgerOption, write_json
+from pushfric_core.commands.application import STDOUT, Application
+from pushfric_core.commands.console import console, say, warn, write_json
 from pushfric_core.commands.options import (
     CellOption,
     DaskOption,
     GridOption,
     JobsOption,
+    JsonOption,
+    LedgerOption,
     ObjectOption,
     PartialFlag,
     SupportPointsOption,

@@ -5,7 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
+from pushfric_core.commands.application import STDOUT, SUFFIX
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.whole_file import make_folder
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.plausible import other_unit
 
@@ -58,4 +60,38 @@ JobsOption = Annotated[int, typer.Option(help="Number of processes; -1: one for 
 DaskOption = Annotated[
     str | None,
     typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),
+]
+
+
+def _checked(where: str | None) -> str | None:
+    """Refuse, before any work is done, what cannot be written."""
+    if where is None or where == STDOUT:
+        return where
+    file = pathlib.Path(where)
+    if file.suffix != SUFFIX or file.is_dir():
+        raise InvalidInput(f"{file}: expected the name of a file to write that ends in {SUFFIX}")
+    make_folder(file.parent)
+    return where
+
+
+JsonOption = Annotated[
+    str | None,
+    typer.Option(
+        "--json",
+        help="Print only the result, as one JSON object, on stdout; with FILE.json, print as usual and write the object there.",
+        metavar="[FILE.json]",
+        callback=_checked,
+        show_default=False,
+    ),
+]
+
+LedgerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--ledger",
+        help="Print what became of every message, on stderr and in the JSON; with FILE.json, write it there.",
+        metavar="[FILE.json]",
+        callback=_checked,
+        show_default=False,
+    ),
 ]

@@ -10,8 +10,15 @@ import typer
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import warn
-from pushfric_core.commands.json_option import JsonOption
-from pushfric_core.commands.options import CellOption, GridOption, Input, ObjectOption, PartialFlag, SupportPointsOption
+from pushfric_core.commands.options import (
+    CellOption,
+    GridOption,
+    Input,
+    JsonOption,
+    ObjectOption,
+    PartialFlag,
+    SupportPointsOption,
+)
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput

@@ -14,7 +14,7 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import CameraConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.json_option import JsonOption
+from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import CAMERA_FILE

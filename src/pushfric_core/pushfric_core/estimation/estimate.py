@@ -23,13 +23,12 @@ from pushfric_core.geometry.support import center_of_friction
 from pushfric_core.mechanics.prediction import FrictionModel, MuC
 from pushfric_core.program import contact_friction
 from pushfric_core.program.contact_friction import ContactForces, Tip
-from pushfric_core.reasons import Reason
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Optimum, Status
 from pushfric_core.steps import finished
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
-from pushfric_core.wording import data_of
+from pushfric_core.wording import Reason, data_of
 
 if TYPE_CHECKING:
     import pandas

@@ -129,24 +129,6 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
     return [_observation(row, outline) for row in rows]
 
 
-def save_observations(observations: Sequence[Observation], path: pathlib.Path) -> None:
-    """Write a CSV file of observations, with the columns of `OPTIONAL` that one of them needs.
-
-    Raises:
-        InvalidInput: the file cannot be written.
-    """
-    missing = (None, None)
-    rows = [
-        (*one.contact_point, *one.contact_normal, *one.twist, one.push_id)
-        + (one.half_width or None, *(one.force or missing), *(one.tip_velocity or missing))
-        for one in observations
-    ]
-    used = [any(row[column] is not None for row in rows) for column in range(len(REQUIRED + OPTIONAL))]
-    columns = [column for column in range(len(used)) if used[column] or column < len(REQUIRED)]
-    names = [(REQUIRED + OPTIONAL)[column] for column in columns]
-    save_table(names, [[row[column] for column in columns] for row in rows], path)
-
-
 def _observation(row: CsvRow, outline: Outline) -> Observation:
     number, where = row.number, row.where
 

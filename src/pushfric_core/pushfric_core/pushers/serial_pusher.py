@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pushfric_core.pushers.axis_reports import MM, STATE_MODES, AxisReports, StatusReport, moves
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.driver import Driver, Script
-from pushfric_core.pushers.driver_states import Phase, Role
+from pushfric_core.pushers.driver import Driver, Phase, Role, Script
 from pushfric_core.pushers.pusher import (
     Halted,
     Held,

@@ -22,8 +22,7 @@ from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Array, Pose, left_of, rotation, transform
 from pushfric_core.plugins import SOURCES, plugin
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.driver import Driver, Script
-from pushfric_core.pushers.driver_states import Phase
+from pushfric_core.pushers.driver import Driver, Phase, Script
 from pushfric_core.pushers.pusher import (
     Check,
     Grade,
@@ -41,8 +40,7 @@ from pushfric_core.pushers.pusher import (
 from pushfric_core.pushers.states import State
 from pushfric_core.pushers.stroke import OFF_WAY, Stroke
 from pushfric_core.settings import fields_of, setting
-from pushfric_ros.adapters.body import Body, PoseStampedConfig, Source
-from pushfric_ros.adapters.transforms import TransformsConfig
+from pushfric_ros.adapters.body import Body, PoseStampedConfig, Source, TransformsConfig
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.bodies import taken
 from pushfric_ros.node_kit.visit import Visit, visit

@@ -15,9 +15,8 @@ from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, SimulationConfig, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import AUTO_VIEW, HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
-from pushfric_core.commands.console import console, fail
-from pushfric_core.commands.json_option import JsonOption, write_json
-from pushfric_core.commands.options import RUNS
+from pushfric_core.commands.console import console, fail, write_json
+from pushfric_core.commands.options import RUNS, JsonOption
 from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput

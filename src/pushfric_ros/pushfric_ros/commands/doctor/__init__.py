@@ -14,10 +14,9 @@ from rich.text import Text
 
 from pushfric_core.cell.cell_file import CellConfig, CellFile, load_cell
 from pushfric_core.cell.node_settings import CameraConfig
-from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
-from pushfric_core.commands.options import RUNS
+from pushfric_core.commands.application import STDOUT, Application
+from pushfric_core.commands.console import console, write_json
+from pushfric_core.commands.options import RUNS, JsonOption
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel, load_object
 from pushfric_core.pushers.pusher import Check, Grade
