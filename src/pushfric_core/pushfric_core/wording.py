@@ -44,3 +44,13 @@ def no_such(kind: str, word: str, known: Iterable[str], see: str) -> str:
     names = {name.lstrip("-"): name for name in known}  # --cell is not like --help
     nearest = difflib.get_close_matches(word.lstrip("-"), list(names), n=1, cutoff=0.65)
     return f"no such {kind} {word!r}; {f'did you mean {names[nearest[0]]}? ' if nearest else ''}see {see}"
+
+
+LONGEST = 80
+"""Number of characters of a wrong value that are shown."""
+
+
+def shortened(value: object) -> str:
+    """A wrong value for people, on one line of bounded length."""
+    text = repr(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."

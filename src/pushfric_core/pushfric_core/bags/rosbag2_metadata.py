@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.file_errors import reading
+from pushfric_core.files.disk import reading
 from pushfric_core.files.yaml_files import load_yaml
 
 METADATA = "metadata.yaml"

@@ -18,9 +18,8 @@ from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, borrowed, frames
 from pushfric_core.commands.options import JsonOption, in_range
 from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.file_errors import reading
+from pushfric_core.files.disk import reading, write_whole
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.whole_file import write_whole
 from pushfric_core.files.yaml_files import Value, with_values
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.records import to_json

@@ -7,7 +7,7 @@ from typing import NoReturn
 from rich.console import Console
 
 from pushfric_core.commands.application import STDOUT
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.disk import write_whole
 
 console = Console(stderr=True, soft_wrap=True)
 

@@ -7,7 +7,7 @@ import typer
 
 from pushfric_core.commands.application import STDOUT, SUFFIX
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.whole_file import make_folder
+from pushfric_core.files.disk import make_folder
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.plausible import other_unit
 

@@ -13,7 +13,7 @@ from pushfric_core.cell.node_settings import REPORT_FILE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import CellOption, Input, ObjectOption, PartialFlag
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.disk import write_whole
 from pushfric_core.page.run_server import Server
 from pushfric_core.page.story import Change, Told
 

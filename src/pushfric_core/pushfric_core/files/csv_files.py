@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.files.file_errors import as_named_here, reading
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.disk import as_named_here, reading, write_whole
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Twist
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, check_within

@@ -12,11 +12,11 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.batch import Warn, usable_by
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.region import RegionConfig
-from pushfric_core.files.file_errors import shortened
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.settings import merged, plain, read, setting
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
+from pushfric_core.wording import shortened
 
 TOPIC = "estimator_settings"
 START_TOPIC = "estimation_start"

@@ -13,10 +13,9 @@ import yaml
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate import Estimate, friction_model
 from pushfric_core.estimation.recognition import Hypothesis
+from pushfric_core.files.disk import as_named_here, make_folder, write_whole
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.file_errors import as_named_here, shortened
 from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, SupportFile, make_object, within
-from pushfric_core.files.whole_file import make_folder, write_whole
 from pushfric_core.files.yaml_files import Strict, read_yaml
 from pushfric_core.geometry.planar import Pose, Twist
 from pushfric_core.mechanics.prediction import FrictionModel, Kind
@@ -24,7 +23,7 @@ from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
 from pushfric_core.records import plain
 from pushfric_core.trajectories.observation import PUSH_IDS, Observation
-from pushfric_core.wording import data_of
+from pushfric_core.wording import data_of, shortened
 
 SUFFIXES = (".yaml", ".yml")
 FORMAT = 2

@@ -10,7 +10,8 @@ import pydantic
 import yaml
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.file_errors import reading, shortened, text_of
+from pushfric_core.files.disk import reading, text_of
+from pushfric_core.wording import shortened
 
 TEXT_LIMIT = 4 * 2**20
 """Largest number of characters of a text."""

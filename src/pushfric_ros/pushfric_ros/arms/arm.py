@@ -5,6 +5,7 @@ An arm is not a stage: it can leave the line. So each command corrects what the 
 whatever takes the commands ends it.
 """
 
+import dataclasses
 import math
 import os
 from abc import ABC, abstractmethod
@@ -39,7 +40,7 @@ from pushfric_core.pushers.pusher import (
 )
 from pushfric_core.pushers.states import State
 from pushfric_core.pushers.stroke import OFF_WAY, Stroke
-from pushfric_core.settings import fields_of, setting
+from pushfric_core.settings import setting
 from pushfric_ros.adapters.body import Body, PoseStampedConfig, Source, TransformsConfig
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.bodies import taken
@@ -73,7 +74,7 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
     def open_source(self) -> Source:
         """The source of the last link's poses."""
         kind = plugin(SOURCES, self.source)
-        return kind(**{field.name: getattr(self, field.name) for field in fields_of(kind)}).open_source()
+        return kind(**{field.name: getattr(self, field.name) for field in dataclasses.fields(kind)}).open_source()
 
     @abstractmethod
     def open_command(self, node: Any) -> "Command":

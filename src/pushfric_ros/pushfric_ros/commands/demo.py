@@ -33,8 +33,7 @@ from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.recorded_run import left_behind, print_result
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
-from pushfric_ros.graph.scratch import scratch_folder
-from pushfric_ros.graph.supervisor import Ended
+from pushfric_ros.graph.supervisor import Ended, scratch_folder
 from pushfric_ros.messages.conversions import report_from_msg
 from pushfric_ros.messages.markers import center_of_friction_from
 

@@ -10,7 +10,6 @@ import time
 import tty
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -199,14 +198,16 @@ class Monitor:
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
         """Show what happens until the run ends; if it ends well, go on until `done`, but not for ever."""
         ended, lingers, deadline, progress = None, 0.0, 0.0, (-1, -1)
-        with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
+        shown = Live(self._view(), console=self._console, refresh_per_second=8) if self._live else contextlib.nullcontext()
+        with shown as view:
             while ended is None or (
                 ended.code == 0 and time.monotonic() < deadline and (time.monotonic() < lingers or not done())
             ):
                 self._visit.spin_once(0.05)
                 self._take_keys()
                 self._tell()
-                view.update(self._view())
+                if view is not None:
+                    view.update(self._view())
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
                     ended, lingers, deadline = now, time.monotonic() + LINGER, time.monotonic() + PROGRESS_TIMEOUT
@@ -327,19 +328,6 @@ def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
         f"{friction.max:.2f}",
         f"{msg.objective * 1e3:.3f}",
     )
-
-
-class _Quiet:
-    """Takes the place of the live display if there is none."""
-
-    def __enter__(self) -> "_Quiet":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def update(self, _: Any) -> None:
-        pass
 
 
 class Keys(contextlib.AbstractContextManager["Keys"]):
