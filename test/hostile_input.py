@@ -46,7 +46,7 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object, read_points
 from pushfric_core.files.plan_file import load_plan
-from pushfric_core.files.yaml_files import load_yaml, with_values
+from pushfric_core.files.yaml_text import load_yaml, with_values
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.summary import write_table

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.disk import reading
-from pushfric_core.files.yaml_files import load_yaml
+from pushfric_core.files.yaml_text import load_yaml
 
 METADATA = "metadata.yaml"
 

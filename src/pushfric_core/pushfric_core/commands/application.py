@@ -13,6 +13,7 @@ import typer.core
 from typer.models import ArgumentInfo, ParameterInfo
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.plausible import other_unit
 from pushfric_core.wording import no_such
 
 HELP = ("-h", "--help")
@@ -209,3 +210,15 @@ def spelled_out(arguments: Sequence[str]) -> list[str]:
     pairs = zip(arguments, [*arguments, ""][1:], strict=True)
     options = ("--json", "--ledger")
     return [f"{one}={STDOUT}" if one in options and not after.endswith(SUFFIX) else one for one, after in pairs]
+
+
+def in_range(low: float, high: float, unit: str) -> dict[str, Any]:
+    """For an option or argument: a number outside of its range is refused, with the unit in which it would make sense."""
+
+    def check(parameter: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None and not low <= value <= high:
+            asked = other_unit(unit, lambda factor: low <= value * factor <= high)
+            raise InvalidInput(f"{parameter.opts[0]} must lie in [{low:g}, {high:g}] {unit}, got {value:g}{asked}")
+        return value
+
+    return {"callback": check}

@@ -11,16 +11,16 @@ import yaml
 
 from pushfric_core.cell.cell_file import CellFile, load_cell
 from pushfric_core.cell.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
-from pushfric_core.commands.application import Application
+from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
 from pushfric_core.commands.console import say, warn, write_json
 from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, borrowed, frames_from
-from pushfric_core.commands.options import JsonOption, in_range
+from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.disk import reading, write_whole
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.yaml_files import Value, with_values
+from pushfric_core.files.yaml_text import Value, with_values
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.records import to_json
 from pushfric_core.vision.board import Board

@@ -1,7 +1,7 @@
 """Arguments and options that several commands have."""
 
 import pathlib
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -9,7 +9,6 @@ from pushfric_core.commands.application import STDOUT, SUFFIX
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.disk import make_folder
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.plausible import other_unit
 
 RUNS = pathlib.Path("runs")
 """Folder for bags and reports, unless the command line gives another."""
@@ -36,18 +35,6 @@ PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged b
 CellOption = Annotated[
     str | None, typer.Option("--namespace", help="Namespace of the cell, for a bag of several.", show_default=False)
 ]
-
-
-def in_range(low: float, high: float, unit: str) -> dict[str, Any]:
-    """For an option or argument: a number outside of its range is refused, with the unit in which it would make sense."""
-
-    def check(parameter: typer.CallbackParam, value: float | None) -> float | None:
-        if value is not None and not low <= value <= high:
-            asked = other_unit(unit, lambda factor: low <= value * factor <= high)
-            raise InvalidInput(f"{parameter.opts[0]} must lie in [{low:g}, {high:g}] {unit}, got {value:g}{asked}")
-        return value
-
-    return {"callback": check}
 
 
 def _processes(jobs: int) -> int:

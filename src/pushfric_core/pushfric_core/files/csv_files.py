@@ -19,6 +19,18 @@ from pushfric_core.geometry.planar import Array, Twist
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, check_within
 from pushfric_core.trajectories.observation import Observation, check_half_width, check_planned_contact
 
+REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
+PAIRS = (("force_x", "force_y"), ("tip_vx", "tip_vy"))
+OPTIONAL = ("half_width", *PAIRS[0], *PAIRS[1])
+NAMES = {
+    "contact_point": "contact_x, contact_y",
+    "contact_normal": "normal_x, normal_y",
+    "the twist": "vx, vy, omega",
+    "force": "force_x, force_y",
+    "tip_velocity": "tip_vx, tip_vy",
+}
+"""The columns of each field of an observation."""
+
 
 class CsvRow(NamedTuple):
     """A row of a table."""
@@ -97,19 +109,6 @@ def save_table(columns: Sequence[str], rows: Iterable[Sequence[float | None]], p
     """
     lines = [",".join("" if value is None else f"{value:.9g}" for value in row) for row in rows]
     write_whole(path, "\n".join((",".join(columns), *lines, "")))
-
-
-REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
-PAIRS = (("force_x", "force_y"), ("tip_vx", "tip_vy"))
-OPTIONAL = ("half_width", *PAIRS[0], *PAIRS[1])
-NAMES = {
-    "contact_point": "contact_x, contact_y",
-    "contact_normal": "normal_x, normal_y",
-    "the twist": "vx, vy, omega",
-    "force": "force_x, force_y",
-    "tip_velocity": "tip_vx, tip_vy",
-}
-"""The columns of each field of an observation."""
 
 
 def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]:

@@ -15,7 +15,8 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.csv_files import read_table
 from pushfric_core.files.disk import reading, write_whole
-from pushfric_core.files.yaml_files import Strict, Value, complaint, load_yaml, read_yaml, with_values
+from pushfric_core.files.yaml_files import Strict, complaint, read_yaml
+from pushfric_core.files.yaml_text import Value, load_yaml, with_values
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1

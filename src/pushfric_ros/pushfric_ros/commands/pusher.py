@@ -6,9 +6,8 @@ from typing import Annotated
 import typer
 
 from pushfric_core.cell.node_settings import NAMESPACE
-from pushfric_core.commands.application import Application
+from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE, NamespaceOption
-from pushfric_core.commands.options import in_range
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.person import Person, line
 
