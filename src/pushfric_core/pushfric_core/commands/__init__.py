@@ -1,4 +1,4 @@
-"""The command line: one module for each command, loaded when it is called."""
+"""The command line: a module for each command or a few of a kind, loaded when one is called."""
 
 SECTIONS = {
     "Estimates and bags": {

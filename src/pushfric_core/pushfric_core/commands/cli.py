@@ -1,4 +1,4 @@
-"""The command line. Each command is a module of a package of commands, which is loaded only when the command is called.
+"""The command line. Commands are in the modules of packages of commands; a module is loaded only when a command is called.
 
 This package has the commands that need no node graph. Others join by an entry point of the group `pushfric.commands`, a module
 with `SECTIONS`, `COMMANDS` and perhaps `MODULES` as here, and `prepare`, which is called with a command's name before the
