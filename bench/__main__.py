@@ -31,9 +31,9 @@ from bench import (
 from bench.display import Verdict, plain_tables, verdict_table
 from bench.observations import GRIDS
 from bench.program import start
-from pushfric_core.commands.application import Application, PlainCommand
-from pushfric_core.commands.json_option import STDOUT, JsonOption, spelled_out, write_json
-from pushfric_core.commands.options import RUNS
+from pushfric_core.commands.application import STDOUT, Application, PlainCommand, spelled_out
+from pushfric_core.commands.console import write_json
+from pushfric_core.commands.options import RUNS, JsonOption
 from pushfric_core.files.figure_file import check_image_name
 
 POINTS, SUPPORTS, UPDATES, BUDGET, HELD = (50, 100, 1000, 10_000, 100_000), tuple(GRIDS), 200, 2.0, 10_000

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.paper.pushes import NOISES, Studied, filmed, moved, objects, of_table_1, shapes
-from bench.paper.spoilt import AFTER, BEFORE, SHIFTS, SPOILT, spoilt, with_moved_load
-from bench.public_pushes import DRAWS, FEW, PublicSet, sets_in
+from bench.paper.spoilt import AFTER, BEFORE, SHIFTS, SPOILT, with_bad_push, with_moved_load
+from bench.public_pushes import DRAWS, FEW, PublicSet, center_off, sets_in
 from pushfric_core import TABLE_1, Observation, Twist, believe
 from pushfric_core.belief import constants
 from pushfric_core.belief.judge import judging
@@ -190,11 +190,10 @@ def scores(trial: Trial) -> Scored:
 def _region(case: Case) -> Score:
     model = believe(case.points, case.data)
     assert model is not None
-    assert model.covariance is not None
-    off, size = model.center_of_friction - case.right, float(np.ptp(case.points, axis=0).max())
-    square = float(off @ np.linalg.solve(model.covariance, off))
+    error, square = center_off(model, case.right)
+    size = float(np.ptp(case.points, axis=0).max())
     density = -square / 2 - math.log(np.linalg.det(model.covariance) / size**4) / 2
-    return Score(case.part, density, square <= ELLIPSE, float(np.hypot(*off)))
+    return Score(case.part, density, square <= ELLIPSE, error)
 
 
 def _mu_c(case: Case) -> Score:
@@ -274,10 +273,7 @@ def _spoilt(seeds: int) -> Iterator[Case]:
         pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
         before = moved(studied, pushes, rng)
         seen: list[tuple[Any, list[Any]]] = [(None, before)]
-        for kind in SPOILT:
-            bad = int(rng.integers(len(before)))
-            frames = [spoilt(kind, one, rng) if index == bad else one for index, one in enumerate(before)]
-            seen.append((bad, frames))
+        seen += [with_bad_push(kind, before, rng) for kind in SPOILT]
         for shift in SHIFTS:
             other = studied._replace(support=with_moved_load(studied.support, shift, rng))
             seen.append(("change", [*before[:BEFORE], *moved(other, pushes[:AFTER], rng)]))

@@ -13,8 +13,8 @@ from docs.markdown import replaced, table
 from pushfric_core import Estimate, Estimator, load
 from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
 from pushfric_core.estimation.verdict import Verdict, verdict_on
+from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.whole_file import write_whole
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.messages.conversions import estimate_to_msg
 

@@ -7,8 +7,7 @@ import numpy as np
 from pushfric_core import TABLE_1, Observation
 from pushfric_core.geometry.planar import Array, Twist, cross, left_of
 from pushfric_core.geometry.support import support_forces
-from pushfric_core.program.constraint_rows import ConstraintRows, stack
-from pushfric_core.program.constraints import Moment, NormalForce
+from pushfric_core.program.constraints import ConstraintRows, Moment, NormalForce, stack
 
 OBJECT = TABLE_1["delrin_rect_center"]
 """A flat bottom with the highest pressure in its middle, which no grid of support points fits exactly."""

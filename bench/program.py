@@ -5,8 +5,7 @@ from functools import partial
 import typer
 
 from pushfric_core.commands.cli import main
-from pushfric_core.commands.interrupt import undoing
-from pushfric_core.commands.program import run
+from pushfric_core.commands.program import run, undoing
 
 
 def start(app: typer.Typer, name: str) -> None:

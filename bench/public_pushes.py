@@ -36,10 +36,10 @@ from pushfric_core import (
 )
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.estimation.picture import draw_support_friction
+from pushfric_core.files.disk import write_whole
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.figure_file import save_figure
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
-from pushfric_core.files.whole_file import write_whole
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import (
@@ -354,10 +354,15 @@ def _measured(
 
 def _center(model: FrictionModel, label: Array) -> Figures:
     """How far p_CF is off, and whether the 90 % ellipse holds the label."""
+    error, square = center_off(model, label)
+    return {"p_cf_error": error, "radius": model.confidence, "held": square <= ELLIPSE}
+
+
+def center_off(model: FrictionModel, label: Array) -> tuple[float, float]:
+    """How far p_CF is off [m], and the square of that in units of its covariance; at ELLIPSE ends the 90 % region."""
     assert model.covariance is not None
-    error = model.center_of_friction - label
-    held = error @ np.linalg.solve(model.covariance, error) <= ELLIPSE
-    return {"p_cf_error": float(np.hypot(*error)), "radius": model.confidence, "held": bool(held)}
+    off = model.center_of_friction - label
+    return float(np.hypot(*off)), float(off @ np.linalg.solve(model.covariance, off))
 
 
 def _stored(poses: Sequence[Pose | None]) -> list[Array]:

@@ -25,8 +25,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started 
 import pushfric_core
 from docs.markdown import table
 from pushfric_core.commands.cli import catalog, load
-from pushfric_core.commands.interrupt import undoing
-from pushfric_core.commands.program import run
+from pushfric_core.commands.program import run, undoing
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 

@@ -1,5 +1,6 @@
 """Writes what docs/interfaces.md says of every node, as the nodes tell, the keys of a cell's file, and a verdict's codes."""
 
+import dataclasses
 import pathlib
 import re
 import sys
@@ -100,7 +101,7 @@ def estimation_page(document: str) -> str:
 def _rows(configs: Iterable[type]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for config in configs:
-        for field in settings.fields_of(config):
+        for field in dataclasses.fields(config):
             default = "*required*" if settings.is_required(field) else f"`{as_yaml(settings.plain_value(field.default))}`"
             rows.append((f"`{settings.key_of(field)}`", default, field.metadata["description"]))
     return rows

@@ -26,8 +26,7 @@ from dataclasses import dataclass
 
 from pushfric_core.pushers.axis_reports import MM, MM_PER_MINUTE, StatusReport, moves
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.driver import Script
-from pushfric_core.pushers.driver_states import Phase, Role
+from pushfric_core.pushers.driver import Phase, Role, Script
 from pushfric_core.pushers.pusher import Halted, Limits, NotConnected, NotReady, Timeout
 from pushfric_core.pushers.serial_config import SerialConfig
 from pushfric_core.pushers.serial_line import Refused

@@ -19,8 +19,18 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.pusher import Limits, Mode, NotConnected, NotReady, Pusher, PusherConfig, PusherReport, Timeout
+from pushfric_core.pushers.pusher import (
+    Check,
+    Grade,
+    Limits,
+    Mode,
+    NotConnected,
+    NotReady,
+    Pusher,
+    PusherConfig,
+    PusherReport,
+    Timeout,
+)
 from pushfric_core.settings import REQUIRED, check_ranges, setting
 
 DEAD_MAN = 0.2

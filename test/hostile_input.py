@@ -32,23 +32,21 @@ from rosbags.typesys import Stores, get_typestore
 from pushfric_core import Estimator, InvalidInput, Observation, Pose, PushfricError, Trajectory, Twist, friction_model
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.cdr import Decoder, encoder
 from pushfric_core.bags.contents import Definition
 from pushfric_core.bags.mcap_file import GrowingFile
+from pushfric_core.bags.message_types import Decoder, encoder
 from pushfric_core.bags.recorded import TYPES, Recorded
 from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig
-from pushfric_core.files.bounded_yaml import load_yaml
+from pushfric_core.files.csv_files import OPTIONAL, REQUIRED, read_edge_pushes, read_observations, read_point_pushes
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object, read_points
-from pushfric_core.files.observation_file import OPTIONAL, REQUIRED, read_observations
 from pushfric_core.files.plan_file import load_plan
-from pushfric_core.files.pushes_file import read_edge_pushes, read_point_pushes
-from pushfric_core.files.yaml_edit import with_values
+from pushfric_core.files.yaml_text import load_yaml, with_values
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.summary import write_table
@@ -60,9 +58,9 @@ from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import PusherError
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.records import to_json
+from pushfric_core.vision.calibration import read_table_points
 from pushfric_core.vision.camera import Camera, Lens, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
-from pushfric_core.vision.table_calibration import read_table_points
 from pushfric_msgs.msg import FrictionModel
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import (
@@ -70,9 +68,8 @@ from pushfric_ros.messages.conversions import (
     observation_to_msg,
 )
 from pushfric_ros.messages.types import definition
-from pushfric_ros.node_kit.domain import domain
-from pushfric_ros.nodes.planner.answers import Answers
-from pushfric_ros.nodes.planner.known import Known
+from pushfric_ros.node_kit.lock import domain
+from pushfric_ros.nodes.planner.answers import Answers, Known
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 DEMO, EXAMPLE = ROOT / "bags/rubber_rect4", ROOT / "docs/example_cell"

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from pushfric_core.geometry.planar import cross, left_of
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import ConstraintRows
 
 
 def highs(rows, n=None, direction=None, limit=None):
@@ -58,3 +58,17 @@ def pushes(rng, n, count, noise=1e-3, half_width=0.0, bearing=3):
         else:
             groups.append(group([low, directions @ normal], (1, 0), (1, np.inf)))
     return groups, w
+
+
+def solved_while_rows_come_and_go(program, rng, rows):
+    """Add groups of rows to a program and solve it after each, while some are removed again; return those that are left."""
+    present = {}
+    for number, group in enumerate(np.array_split(np.arange(len(rows.above)), 1 + len(rows.above) // 4)):
+        present[number] = ConstraintRows(*(part[group] for part in rows))
+        program.add(present[number])
+        program.solve()
+        if len(present) > 2 and rng.random() < 0.3:
+            gone = int(rng.choice(list(present)))
+            program.remove(gone)
+            del present[gone]
+    return list(present.values())

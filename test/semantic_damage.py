@@ -10,9 +10,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.cdr import encoder
 from pushfric_core.bags.contents import BagMessage
-from pushfric_core.bags.message_types import known_types
+from pushfric_core.bags.message_types import encoder, known_types
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_ros.messages.conversions import stamp_to_msg
 
@@ -115,10 +114,17 @@ def wild_stamps(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages
 
 def another_clock(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
     """All stamps of a stream from some message on are moved by 0.05 s to 3 h."""
+    return _another_clock_from(bag, rng, 10, lambda: 10 ** rng.uniform(7.7, 13))
+
+
+def _another_clock_from(
+    bag: Recording, rng: np.random.Generator, margin: int, size: Callable[[], float]
+) -> tuple[str, Messages]:
+    """The stamps of a stream are moved by a size [ns] from a message on, which is not in its first or last part of so many."""
     topic = _stream(rng)
     numbers = bag.numbers(topic)
-    first = int(rng.choice(numbers[len(numbers) // 10 : -len(numbers) // 10]))
-    offset = int(rng.choice((-1, 1)) * 10 ** rng.uniform(7.7, 13))
+    first = int(rng.choice(numbers[len(numbers) // margin : -len(numbers) // margin]))
+    offset = int(rng.choice((-1, 1)) * size())
     messages = [
         bag.stamped(message, offset) if number >= first and message.topic == topic else message
         for number, message in enumerate(bag.messages)
@@ -161,15 +167,7 @@ def cut_short(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
 
 def clock_step(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
     """The stamps of a stream from some message on are moved by 45 to 400 ms."""
-    topic = _stream(rng)
-    numbers = bag.numbers(topic)
-    first = int(rng.choice(numbers[len(numbers) // 8 : -len(numbers) // 8]))
-    offset = int(rng.choice((-1, 1)) * rng.uniform(0.045, 0.4) * SECOND)
-    messages = [
-        bag.stamped(message, offset) if number >= first and message.topic == topic else message
-        for number, message in enumerate(bag.messages)
-    ]
-    return f"{topic} off by {offset} ns from {first} on", messages
+    return _another_clock_from(bag, rng, 8, lambda: rng.uniform(0.045, 0.4) * SECOND)
 
 
 def missing_messages(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:

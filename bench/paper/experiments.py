@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from bench.paper.least_squares import least_squares_fit
 from bench.paper.pushes import BAD_PUSH, SLIPPING, motions, plan, watch
 from bench.paper.tables import PUBLISHED
 from pushfric_core import TABLE_1, Estimate, Estimator, EstimatorConfig, HalfPlanes, Hypothesis, Loss, Observation, Recognizer
@@ -22,7 +23,6 @@ from pushfric_core.geometry.support import Support, center_of_friction, support_
 from pushfric_core.geometry.table_1 import FLAT, LOOKALIKES, ORIENTATIONS
 from pushfric_core.mechanics.limit_surface import LimitSurface, Measurement, separation
 from pushfric_core.program import contact_friction
-from pushfric_core.program.least_squares import least_squares_fit
 
 Mask = npt.NDArray[np.bool_]
 

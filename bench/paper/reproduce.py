@@ -16,8 +16,8 @@ from bench.paper.pushes import CONDUCT
 from bench.paper.tables import Nested, Path, leaves, tables
 from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
-from pushfric_core.files.whole_file import make_folder, write_whole
-from pushfric_core.offline.workers import results
+from pushfric_core.files.disk import make_folder, write_whole
+from pushfric_core.offline.many import results
 from pushfric_core.records import to_json
 
 COUNTS = ("data_points", "bad_data_points", "nonzero_weights")

@@ -54,8 +54,7 @@ def verdicts(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, 
         left_out, changed = _screened(clean, studied.support_points)
         yield f"none/{noise}", Verdict(good=len(before), lost=len(left_out), changed=changed)
         for kind in SPOILT:
-            bad = int(rng.integers(len(before)))
-            seen = [spoilt(kind, frames, rng) if index == bad else frames for index, frames in enumerate(before)]
+            bad, seen = with_bad_push(kind, before, rng)
             data = filmed(studied.outline, seen, spread, np.random.default_rng(camera))
             left_out, changed = _screened(data, studied.support_points)
             harmless = {one.twist for one in data} <= {one.twist for one in clean}
@@ -97,6 +96,12 @@ def with_moved_load(support: Support, shift: float, rng: np.random.Generator) ->
     tilt = np.linalg.solve(moments, shift * np.array((math.cos(angle), math.sin(angle))))
     weights = support.weights * np.maximum(1 + arms @ tilt, LEAST_WEIGHT)
     return Support(support.points, weights / weights.sum())
+
+
+def with_bad_push(kind: str, pushes: Sequence[Frames], rng: np.random.Generator) -> tuple[int, list[Frames]]:
+    """A push that is chosen at random, and all pushes, of which this one has a fault, one of SPOILT."""
+    bad = int(rng.integers(len(pushes)))
+    return bad, [spoilt(kind, frames, rng) if index == bad else frames for index, frames in enumerate(pushes)]
 
 
 def spoilt(kind: str, frames: Frames, rng: np.random.Generator) -> Frames:

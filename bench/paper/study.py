@@ -23,10 +23,10 @@ from pushfric_core import TABLE_1, Estimate, EstimatorConfig, InvalidInput, Obse
 from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
-from pushfric_core.files.whole_file import make_folder, write_whole
+from pushfric_core.files.disk import make_folder, write_whole
 from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import ELLIPSE
-from pushfric_core.offline.workers import results
+from pushfric_core.offline.many import results
 from pushfric_core.records import to_json
 
 SEEDS = 200

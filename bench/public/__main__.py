@@ -16,7 +16,7 @@ from bench.public import cpush, mitpush, stablepush, zhou2015
 from pushfric_core import InvalidInput
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
-from pushfric_core.files.whole_file import make_folder
+from pushfric_core.files.disk import make_folder
 from pushfric_core.wording import counted
 
 app = Application(pretty_exceptions_enable=False)

@@ -14,10 +14,9 @@ import numpy as np
 
 from bench.public.strokes import Imported, Stroke, leaving_out, nearest_edges, save_model, save_set
 from pushfric_core import InvalidInput, Outline
-from pushfric_core.files.file_errors import shortened
-from pushfric_core.files.whole_file import make_folder
+from pushfric_core.files.disk import make_folder
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
-from pushfric_core.wording import counted
+from pushfric_core.wording import counted, shortened
 
 NAME = "cpush"
 BLOCK, SIDE = "block", 0.09  # [m]

@@ -19,12 +19,11 @@ from typing import Any
 import numpy as np
 from scipy.io import loadmat
 
-from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_set, save_strokes
+from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_observations, save_set, save_strokes
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
-from pushfric_core.files.file_errors import reading, shortened
-from pushfric_core.files.observation_file import save_observations
-from pushfric_core.files.whole_file import make_folder
+from pushfric_core.files.disk import make_folder, reading
 from pushfric_core.geometry.planar import Array, Pose, Twist, cross, log
+from pushfric_core.wording import shortened
 
 NAME = "mitpush"
 FOLDER = pathlib.Path("mcube_data_proc", "motion_model_eval_logs_train_test_searchmu2_filter")

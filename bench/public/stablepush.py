@@ -11,8 +11,7 @@ import numpy as np
 from bench.public.strokes import SECOND, Imported
 from bench.public.zhou2015 import MILLIMETRE, write_bag
 from pushfric_core import InvalidInput, Observation, PushfricError
-from pushfric_core.files.csv_table import read_table, save_table
-from pushfric_core.files.pushes_file import TURNED, EdgePushes
+from pushfric_core.files.csv_files import TURNED, EdgePushes, read_table, save_table
 from pushfric_core.geometry.planar import Array, Twist
 
 NAME = "stablepush"

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pushfric_core import InvalidInput, Observation, Outline
-from pushfric_core.files.csv_table import read_table, save_table
+from pushfric_core.files.csv_files import OPTIONAL, REQUIRED, read_table, save_table
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
-from pushfric_core.files.observation_file import save_observations
 from pushfric_core.geometry import planar
 from pushfric_core.geometry.planar import Array, Pose, compose, exp, inverse, rotation, transform
 
@@ -169,6 +168,24 @@ def save_set(
     points = [replace(point, contact_normal=normal(point)) for point in data_points(strokes, outline) if point is not None]
     save_observations(points, out / f"{name}{DATA_POINTS}")
     return Imported(out / f"{name}{STROKES}", name.rpartition("_")[2], len(points))
+
+
+def save_observations(observations: Sequence[Observation], path: pathlib.Path) -> None:
+    """Write a CSV file of observations, with the columns of `OPTIONAL` that one of them needs.
+
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
+    missing = (None, None)
+    rows = [
+        (*one.contact_point, *one.contact_normal, *one.twist, one.push_id)
+        + (one.half_width or None, *(one.force or missing), *(one.tip_velocity or missing))
+        for one in observations
+    ]
+    used = [any(row[column] is not None for row in rows) for column in range(len(REQUIRED + OPTIONAL))]
+    columns = [column for column in range(len(used)) if used[column] or column < len(REQUIRED)]
+    names = [(REQUIRED + OPTIONAL)[column] for column in columns]
+    save_table(names, [[row[column] for column in columns] for row in rows], path)
 
 
 def save_model(name: str, outline: Outline, out: pathlib.Path) -> None:

@@ -16,11 +16,10 @@ import numpy as np
 from bench.public.strokes import SECOND, Imported
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.cdr import encoder
-from pushfric_core.bags.message_types import record
+from pushfric_core.bags.message_types import encoder, record
 from pushfric_core.bags.offered_qos import OfferedQos
 from pushfric_core.bags.samples import observation_to_msg
-from pushfric_core.files.csv_table import CsvRow, read_table
+from pushfric_core.files.csv_files import CsvRow, read_table
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, SupportFile, make_object, save_object
 from pushfric_core.geometry import planar
 from pushfric_core.geometry.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform, velocity_at

@@ -293,7 +293,7 @@ def bits(result):
 SAMPLE = (
     "geometry/test_contact",
     "geometry/test_planar",
-    "program/test_least_squares",
+    "../bench/paper/test_least_squares",
     "estimation/test_region",
     "mechanics/test_prediction",
     "mechanics/test_quasi_static",

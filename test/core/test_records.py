@@ -1,12 +1,12 @@
 import numpy as np
 from problems import PROBLEMS
 
+from bench.paper.least_squares import least_squares_fit
 from pushfric_core import ConstraintRows, Ellipsoid, Estimator, HalfPlanes, Hypothesis, LimitSurface, Outline, Support, Twist
 from pushfric_core.geometry.planar import Wrench
 from pushfric_core.geometry.support import support_forces
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.simulation import PushedObject
-from pushfric_core.program.least_squares import least_squares_fit
 
 SQUARE = np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))
 

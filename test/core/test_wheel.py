@@ -14,7 +14,7 @@ import pytest
 from missing import extras
 from problems import four_feet
 
-from pushfric_core.files.observation_file import REQUIRED
+from pushfric_core.files.csv_files import REQUIRED
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SOURCE, MESSAGES = ROOT / "src/pushfric_core", ROOT / "src/pushfric_msgs/msg"

@@ -21,7 +21,7 @@ spec.loader.exec_module(module)
 SOLVING = """
 import copy, pickle
 import numpy as np
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.solvers.simplex import Simplex
 
 rng = np.random.default_rng(5)

@@ -12,7 +12,7 @@ import pytest
 from calls import PROGRAM, wait_until
 from marlin_firmware import SimulatedMarlin
 
-from pushfric_core.commands.json_option import STDOUT
+from pushfric_core.commands.application import STDOUT
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.pusher import drive
 from pushfric_core.pushers.serial_settings import SerialSettings

@@ -26,8 +26,11 @@ from typing import TYPE_CHECKING
 
 # isort: off
 if TYPE_CHECKING:
-    from pushfric_core.program.constraint_rows import ConstraintRows as ConstraintRows
-    from pushfric_core.program.constraints import Constraint as Constraint, functional_rows as functional_rows
+    from pushfric_core.program.constraints import (
+        Constraint as Constraint,
+        ConstraintRows as ConstraintRows,
+        functional_rows as functional_rows,
+    )
     from pushfric_core.geometry.contact import PushingLine as PushingLine
     from pushfric_core.errors import (
         InvalidInput as InvalidInput,
@@ -83,8 +86,7 @@ __version__: str
 """That of the installed package: package.xml has it."""
 
 _MODULES = {  # the same as above: a test compares them
-    "program.constraint_rows": ["ConstraintRows"],
-    "program.constraints": ["Constraint", "functional_rows"],
+    "program.constraints": ["Constraint", "ConstraintRows", "functional_rows"],
     "geometry.contact": ["PushingLine"],
     "errors": ["InvalidInput", "MissingPackage", "PushfricError", "SolverFailed", "SolverUnavailable", "UninformativePush"],
     "belief.believe": ["believe"],

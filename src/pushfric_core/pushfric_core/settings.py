@@ -10,17 +10,16 @@ import math
 import re
 import typing
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 from pushfric_core.plausible import other_unit
+from pushfric_core.wording import shortened
 
 AUTO = "auto"
 """Spelling of a setting that is None: the program finds its value."""
 
 REQUIRED: Any = dataclasses.MISSING
 """Takes the place of the default of a setting without one."""
-
-Config = TypeVar("Config")
 
 
 def setting(
@@ -90,7 +89,7 @@ def read(values: Mapping[str, Any], *configs: type, keys: bool = False) -> tuple
     Raises:
         ValueError: an unknown name, one that lacks, a value of another type or out of range, or what a class refuses.
     """
-    known = [key_of(field) if keys else field.name for config in configs for field in fields_of(config)]
+    known = [key_of(field) if keys else field.name for config in configs for field in dataclasses.fields(config)]
     if repeated := sorted({name for name in known if known.count(name) > 1}):
         raise ValueError(f"{', '.join(config.__name__ for config in configs)} repeat the setting {', '.join(repeated)}")
     if unknown := [str(name) for name in values if name not in known]:
@@ -98,10 +97,10 @@ def read(values: Mapping[str, Any], *configs: type, keys: bool = False) -> tuple
     return tuple(_read(config, values, keys) for config in configs)
 
 
-def _read(config: type[Config], values: Mapping[str, Any], keys: bool) -> Config:
+def _read(config: type[Any], values: Mapping[str, Any], keys: bool) -> Any:
     hints = typing.get_type_hints(config)
     given = {}
-    for field in fields_of(config):
+    for field in dataclasses.fields(config):
         name = key_of(field) if keys else field.name
         if name in values:
             given[field.name] = _converted(field, name, hints[field.name], values[name])
@@ -110,11 +109,6 @@ def _read(config: type[Config], values: Mapping[str, Any], keys: bool) -> Config
     made = config(**given)
     check_ranges(made)  # a class from elsewhere may leave it to us
     return made
-
-
-def fields_of(config: type) -> tuple[Any, ...]:
-    """The settings of a class, in order."""
-    return dataclasses.fields(config)
 
 
 def key_of(field: Any) -> str:
@@ -166,9 +160,6 @@ _SINGULAR = {
 }
 _PLURAL = {bool: "true or false", int: "whole numbers", float: "finite numbers", str: "texts"}
 
-_LONGEST = 80
-"""Number of characters of a wrong value that are shown."""
-
 
 def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
     infinite = field.metadata.get("high") == math.inf
@@ -176,8 +167,7 @@ def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
         converted = _convert(hint, value, infinite)
     except (ValueError, OverflowError):
         shown = list(value) if isinstance(value, Sequence) and not isinstance(value, str | bytes) else value
-        got = "nothing" if value is None else repr(shown)
-        got = got if len(got) <= _LONGEST else f"{got[:_LONGEST]}..."
+        got = "nothing" if value is None else shortened(shown)
         raise ValueError(f"{name} must be {expected(hint)}, got {got}") from None
     if converted is not None:
         _check_range(field, name, converted)

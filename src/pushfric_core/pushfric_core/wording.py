@@ -1,6 +1,17 @@
-"""Numbers and names in sentences."""
+"""Numbers and names in sentences, and reasons: a text for people, and a code for programs."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
+
+
+class Reason(NamedTuple):
+    """A reason; as text, what it says to people."""
+
+    code: str  # for programs: a constant of pushfric_msgs/Reason, in lower case
+    text: str  # for people: the likely cause, and what to do
+
+    def __str__(self) -> str:
+        return self.text
 
 
 def counted(number: int, one: str, several: str = "") -> str:
@@ -35,6 +46,11 @@ def no_such(kind: str, word: str, known: Iterable[str], see: str) -> str:
     return f"no such {kind} {word!r}; {f'did you mean {names[nearest[0]]}? ' if nearest else ''}see {see}"
 
 
-def observations_of(observations: int, pushes: int) -> str:
-    """The basis of an estimate: 81 observations of 14 pushes."""
-    return f"{counted(observations, 'observation')} of {counted(pushes, 'push', 'pushes')}"
+LONGEST = 80
+"""Number of characters of a wrong value that are shown."""
+
+
+def shortened(value: object) -> str:
+    """A wrong value for people, on one line of bounded length."""
+    text = repr(value)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."

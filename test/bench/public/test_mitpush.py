@@ -9,8 +9,8 @@ import pytest
 from bench.public import mitpush
 from bench.public.strokes import read_strokes
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.csv_files import read_observations
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.observation_file import read_observations
 from pushfric_core.geometry.outline import Outline
 
 

@@ -7,9 +7,9 @@ from bench.public import stablepush
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.files.csv_files import read_edge_pushes
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, load_object
-from pushfric_core.files.pushes_file import read_edge_pushes
 
 ROW = ("triangle", 75, 0, 0, -1, 25, -400, 100, 0.35, -35, 140, 0.35, 1)
 

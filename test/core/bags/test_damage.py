@@ -25,10 +25,9 @@ from rosbags.typesys import Stores, get_typestore
 from pushfric_core.bags import bag as bag_module
 from pushfric_core.bags.bag import Bag, DamagedBag
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.cdr import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder
 from pushfric_core.bags.contents import BagMessage, Definition
 from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile, end_of_record
-from pushfric_core.bags.message_types import definition
+from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder, definition
 from pushfric_core.bags.offered_qos import INFINITE_NS
 from pushfric_core.bags.recovery import recover
 from pushfric_core.commands import cli

@@ -14,8 +14,8 @@ from semantic_damage import DAMAGES, SECOND, STREAM_DAMAGES, STREAMS, Recording,
 
 from pushfric_core import InvalidInput, Outline, TrajectoryConfig, load
 from pushfric_core.bags.recorded import Recorded
+from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.object_file import load_object
-from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.recorded_run import disagreements

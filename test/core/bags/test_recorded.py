@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from pushfric_core import TABLE_1, EstimatorConfig, InvalidInput, Pose, PushedObject, PushingLine
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.cdr import encoder
+from pushfric_core.bags.message_types import encoder
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object

@@ -8,11 +8,12 @@ import pytest
 from calls import printed
 from problems import observations_of
 
-from pushfric_core import TABLE_1, Estimator, HalfPlanes, InvalidInput, Observation, Twist, next_pushes
+from pushfric_core import TABLE_1, Estimator, HalfPlanes, InvalidInput, Observation, Twist, next_pushes, slip_pushes
+from pushfric_core.commands.region import region_report
 from pushfric_core.estimation.push_choice import planned_pushes
 from pushfric_core.estimation.region import RegionConfig, line_of_motion
+from pushfric_core.files.csv_files import REQUIRED
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.observation_file import REQUIRED
 from pushfric_core.files.plan_file import load_plan
 
 NAME = "wood_rect3"
@@ -101,3 +102,17 @@ def test_slipping_pushes_give_mu_c_itself(data, tmp_path):
     assert "in the pushes that slipped" in text
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert "slipping" not in json.loads(said("estimate", data, "--json"))["mu_c"]
+
+
+def test_the_report_is_plain_and_complete():
+    half_planes = HalfPlanes(KNOWN.outline)
+    region, slips = half_planes.region(), slip_pushes(KNOWN.outline, (0.0, 0.0))
+    figures = json.loads(json.dumps(region_report(region, next_pushes(half_planes), slips)))
+    assert [list(push.values()) for push in figures["slip_pushes"]] == [list(push) for push in slips]
+    assert figures["area"] == pytest.approx(0.127 * 0.064)
+    assert np.ptp(figures["polygon"], axis=0).tolist() == pytest.approx([0.127, 0.064])
+    assert figures["center_of_friction"] == pytest.approx([0.0, 0.0])
+    assert (figures["collapsed"], figures["violation"]) == (False, 0.0)
+    first = figures["next_pushes"][0]
+    assert first == {"edge": 0, "offset": 0.0, "angle": 0.0, "expected_area": pytest.approx(0.127 * 0.064 / 2)}
+    assert [push["edge"] for push in figures["next_pushes"]] == [0, 2, 1, 3]

@@ -12,8 +12,8 @@ from problems import observations_of
 
 from docs import reference
 from pushfric_core.cell.cell_file import load_cell
+from pushfric_core.files.csv_files import REQUIRED
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.observation_file import REQUIRED
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.geometry.support import friction_directions
 from pushfric_core.geometry.table_1 import TABLE_1

@@ -21,9 +21,10 @@ from pushfric_core.bags import samples
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.recorded import Recorded, check_source
-from pushfric_core.files.bounded_yaml import DEPTH_LIMIT, INTEGER_LIMIT, NODE_LIMIT, TEXT_LIMIT, load_yaml
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.object_file import load_object, read_points, yaml_content
+from pushfric_core.files.object_file import load_object, read_points
+from pushfric_core.files.yaml_files import yaml_content
+from pushfric_core.files.yaml_text import DEPTH_LIMIT, INTEGER_LIMIT, NODE_LIMIT, TEXT_LIMIT, load_yaml
 from pushfric_core.vision import PIXEL_LIMIT
 from pushfric_core.vision.camera import picture_from
 from pushfric_msgs.msg import Observation, PusherState

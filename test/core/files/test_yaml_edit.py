@@ -2,7 +2,7 @@
 
 import pytest
 
-from pushfric_core.files.yaml_edit import with_values
+from pushfric_core.files.yaml_text import with_values
 
 CELL = """\
 object: box.yaml   # what is pushed

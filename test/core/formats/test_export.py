@@ -16,8 +16,7 @@ from pushfric_core import Estimator, InvalidInput, Observation, Twist, export
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object
-from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, ExportedBody, load_of
-from pushfric_core.formats.feet import TOLERANCE, few_feet
+from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, TOLERANCE, ExportedBody, few_feet, load_of
 
 LOAD = load_of(0.3, 0.25, GRAVITY, None)
 

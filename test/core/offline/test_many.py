@@ -19,7 +19,7 @@ from pushfric_core import TABLE_1, Support
 from pushfric_core.files.model_file import load_model
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
-from pushfric_core.offline.outliers import differing
+from pushfric_core.offline.summary import differing
 
 BAG = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
 NAME = "delrin_square3"

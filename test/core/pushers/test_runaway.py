@@ -15,7 +15,7 @@ from calls import wait_until
 from line_stage import ACCELERATION, DEAD_MAN, LATE, SPEED, LineStage
 
 from pushfric_core.pushers.clock import suspended
-from pushfric_core.pushers.driver_states import Phase
+from pushfric_core.pushers.driver import Phase
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.pusher import (
     Jumped,
@@ -251,7 +251,7 @@ def test_the_pieces_end_at_the_target_and_are_never_far_ahead(acceleration, star
 CHILD = """
 import sys, time
 from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.driver_states import Phase
+from pushfric_core.pushers.driver import Phase
 from pushfric_core.pushers.serial_settings import SerialSettings
 pusher = Grbl(SerialSettings(sys.argv[1], silence=0.8))
 pusher.connect()

@@ -11,7 +11,7 @@ from enum import Enum
 
 import pytest
 
-from pushfric_core.pushers.driver_states import (
+from pushfric_core.pushers.driver import (
     AT_FIRST,
     DRIVER,
     DriverAction,
@@ -22,7 +22,7 @@ from pushfric_core.pushers.driver_states import (
     Role,
     Trust,
 )
-from pushfric_core.pushers.push_states import (
+from pushfric_core.pushers.states import (
     ACTUATOR,
     READY,
     UNDER_WAY,
@@ -38,8 +38,9 @@ from pushfric_core.pushers.push_states import (
     Task,
     Way,
     at_first,
+    kinds,
+    step,
 )
-from pushfric_core.pushers.state_table import kinds, step
 
 DOCUMENT = pathlib.Path(__file__).resolve().parents[3] / "docs/safety.md"
 HOMINGS = list(Homing)

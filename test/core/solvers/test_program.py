@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.solvers.program import Status, certify
 
 ROWS = ConstraintRows(np.array(((1.0, -1.0, 0.0), (1.0, 0.0, -2.0))), np.ones(2), np.ones(2))

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from programs import group, highs, pushes
+from programs import group, highs, pushes, solved_while_rows_come_and_go
 from scipy.optimize import minimize, nnls
 
-from pushfric_core.program.constraint_rows import ConstraintRows, stack
+from pushfric_core.program.constraints import ConstraintRows, stack
+from pushfric_core.solvers.active_set import nearest_uniform
 from pushfric_core.solvers.osqp import OsqpProgram
 from pushfric_core.solvers.program import Loss, Status, certify
 from pushfric_core.solvers.simplex import Simplex
-from pushfric_core.solvers.tie_break import nearest_uniform
 
 SEEDS = st.integers(0, 2**32 - 1)
 QUICK = settings(derandomize=True, deadline=None, max_examples=15)
@@ -255,16 +255,9 @@ def test_rows_of_all_kinds_agree_with_a_general_solver_while_they_are_added_and_
         residuals = a @ rng.dirichlet(np.full(n, 0.3))
         below[(rng.random(m) < 0.3) & (residuals > 1e-6)] = np.inf
         above[(rng.random(m) < 0.3) & (residuals < -1e-6)] = np.inf
-    program, present = LeastSquares(n), {}
-    for number, rows in enumerate(np.array_split(np.arange(m), 1 + m // 4)):
-        present[number] = ConstraintRows(a[rows], above[rows], below[rows])
-        program.add(present[number])
-        program.solve()
-        if len(present) > 2 and rng.random() < 0.3:
-            gone = int(rng.choice(list(present)))
-            program.remove(gone)
-            del present[gone]
-    optimum, rows = program.solve(), stack(list(present.values()), n)
+    program = LeastSquares(n)
+    rows = stack(solved_while_rows_come_and_go(program, rng, ConstraintRows(a, above, below)), n)
+    optimum = program.solve()
     assert optimum.status is Status.OPTIMAL
     assert optimum.objective == pytest.approx(squares(rows, optimum.w), rel=1e-9, abs=1e-13)
     assert optimum.objective == pytest.approx(slsqp(rows), rel=1e-5, abs=1e-8)

@@ -5,17 +5,18 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from problems import rows_of
-from programs import group, highs, pushes
+from programs import group, highs, pushes, solved_while_rows_come_and_go
 
 from pushfric_core.geometry.planar import Twist, left_of
-from pushfric_core.program.constraint_rows import ConstraintRows, stack
 from pushfric_core.program.constraints import (
     Cone,
+    ConstraintRows,
     Frictionless,
     Moment,
     NormalForce,
     SensedDirection,
     SensedForce,
+    stack,
 )
 from pushfric_core.solvers import basis, pivoting
 from pushfric_core.solvers import simplex as simplex_module
@@ -156,16 +157,8 @@ def test_degenerate_data_agree_with_highs_while_rows_come_and_go(kind, seed, n, 
         residuals = a @ np.append(rng.dirichlet(np.full(n, 0.3)), [scale] * with_scale)
         below[(rng.random(m) < 0.3) & (residuals > 1e-6)] = np.inf
         above[(rng.random(m) < 0.3) & (residuals < -1e-6)] = np.inf
-    simplex, present = Simplex(n, with_scale), {}
-    for number, rows in enumerate(np.array_split(np.arange(m), 1 + m // 4)):
-        present[number] = ConstraintRows(a[rows], above[rows], below[rows])
-        simplex.add(present[number])
-        simplex.solve()
-        if len(present) > 2 and rng.random() < 0.3:
-            gone = int(rng.choice(list(present)))
-            simplex.remove(gone)
-            del present[gone]
-    assert_optimal(simplex, list(present.values()), n)
+    simplex = Simplex(n, with_scale)
+    assert_optimal(simplex, solved_while_rows_come_and_go(simplex, rng, ConstraintRows(a, above, below)), n)
 
 
 @pytest.mark.parametrize("soft", [(1.0, 0.0), (0.0, 1.0), (0.2, -1.0)])

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import stdtrit
 
 from pushfric_core import Outline, Pose, PoseSample, PusherSample, PushingLine, Trajectory, TrajectoryConfig
-from pushfric_core.trajectories.lag import student
+from pushfric_core.trajectories.clocks import student
 from pushfric_core.trajectories.ledger import DoubtCode
 
 OUTLINE = Outline.rectangle(0.1, 0.06)

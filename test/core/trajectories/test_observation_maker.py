@@ -1,9 +1,12 @@
+import dataclasses
+import math
+
 import numpy as np
 import pytest
 
-from pushfric_core import Outline, Pose, PoseSample, PusherSample, PushingLine
+from pushfric_core import Observation, Outline, Pose, PoseSample, PusherSample, PushingLine, Twist
 from pushfric_core.trajectories.observation_maker import ObservationMaker
-from pushfric_core.trajectories.sensed_force import ForceSample
+from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
 
 BAR = Outline.rectangle(0.12, 0.06)
 LINE = PushingLine((0.0, -0.05), (0.0, 1.0), 0.003)
@@ -48,3 +51,66 @@ def test_a_maker_without_forces_refuses_them():
     assert maker.waiting is None
     with pytest.raises(ValueError, match="without forces"):
         maker.add_force(ForceSample(1, (0.0, 1.0)))
+
+
+SECOND = 10**9
+
+
+def moved(seconds, theta=0.0):
+    pose = Pose(0.1, 0.2, theta)
+    return Observation((0.0, -0.03), (0.0, -1.0), Twist(0.0, 0.02, 0.1), duration=0.2, stamp=round(seconds * SECOND), pose=pose)
+
+
+def samples(force=lambda seconds: (0.0, seconds), end=5.0):
+    return [ForceSample(round(t * SECOND), force(t)) for t in np.arange(0, end, 0.05)]
+
+
+def feed(sensed, things):
+    found = []
+    for thing in things:
+        found += sensed.add_force(thing) if isinstance(thing, ForceSample) else sensed.add_observation(thing)
+    return found
+
+
+def test_the_force_is_the_mean_over_the_motion_in_the_object_frame():
+    found = feed(ForceMatcher(), [moved(1.0), moved(2.0, theta=math.pi / 2), *samples()])
+    assert [o.stamp for o in found] == [SECOND, 2 * SECOND]
+    assert found[0].force == pytest.approx((0.0, 1.0))  # samples at 0.9, 0.95, 1.0, 1.05, 1.1
+    assert found[1].force == pytest.approx((2.0, 0.0))
+
+
+def test_forces_do_not_depend_on_how_the_topics_interleave(rng):
+    points = [moved(t) for t in (0.5, 1.0, 1.7)]
+    expected = feed(ForceMatcher(), [*points, *samples()])
+    assert len(expected) == 3
+    for _ in range(20):
+        order = rng.permutation([0] * len(points) + [1] * len(samples()))
+        streams = (iter(points), iter(samples()))
+        assert feed(ForceMatcher(), [next(streams[which]) for which in order]) == expected
+
+
+def test_a_data_point_waits_for_the_end_of_its_motion():
+    sensed = ForceMatcher()
+    assert feed(sensed, [moved(1.0), *samples(end=1.1)]) == []
+    assert sensed.waiting_since == SECOND
+    assert len(sensed.add_force(ForceSample(round(1.15 * SECOND), (0.0, 0.0)))) == 1
+    assert sensed.waiting_since is None
+
+
+def test_a_data_point_without_samples_during_its_motion_has_no_force():
+    late = [ForceSample(3 * SECOND + number, (1.0, 1.0)) for number in range(3)]
+    assert feed(ForceMatcher(), [moved(1.0), *late]) == [moved(1.0)]
+
+
+def test_late_samples_are_ignored():
+    sensed = ForceMatcher()
+    feed(sensed, samples(end=1.0))
+    assert sensed.add_force(ForceSample(0, (9.0, 9.0))) == []
+    assert feed(sensed, [moved(0.5), *samples()])[0].force == pytest.approx((0.0, 0.5))
+
+
+def test_impossible_input_is_refused():
+    with pytest.raises(ValueError, match="a force must be finite"):
+        ForceMatcher().add_force(ForceSample(0, (math.nan, 0.0)))
+    with pytest.raises(ValueError, match="needs its pose"):
+        ForceMatcher().add_observation(dataclasses.replace(moved(1.0), pose=None))

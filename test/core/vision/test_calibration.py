@@ -13,11 +13,17 @@ from printed import black_rings, picture, rasterised
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import rotation
 from pushfric_core.vision.board import Board, BoardFinder
+from pushfric_core.vision.calibration import (
+    Placement,
+    calibrate_lens,
+    calibrate_table,
+    lens_from_frames,
+    read_table_points,
+    table_from_frames,
+)
 from pushfric_core.vision.camera import Camera, Lens, load_lens, save_camera
 from pushfric_core.vision.frame_source import DeviceFrames
-from pushfric_core.vision.lens_calibration import calibrate_lens, lens_from_frames
 from pushfric_core.vision.printed_pdf import save_board
-from pushfric_core.vision.table_calibration import Placement, calibrate_table, read_table_points, table_from_frames
 
 BOARD = Board()
 LENS = Lens(640, 480, np.array(((900.0, 0, 330), (0, 905, 236), (0, 0, 1))), np.array((-0.2, 0.08, 0.001, -0.0005, 0)))

@@ -13,10 +13,7 @@ from pushfric_core.cell.mount import Body, MountConfig
 from pushfric_core.geometry.planar import Pose as Planar
 from pushfric_core.geometry.planar import compose, transform
 from pushfric_core.plugins import SOURCES, plugin
-from pushfric_ros.adapters.odometry import OdometryConfig
-from pushfric_ros.adapters.pose_array import PoseArrayConfig
-from pushfric_ros.adapters.pose_stamped import PoseStampedConfig
-from pushfric_ros.adapters.transforms import FIXED, MOVING, TransformsConfig
+from pushfric_ros.adapters.body import FIXED, MOVING, OdometryConfig, PoseArrayConfig, PoseStampedConfig, TransformsConfig
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE

@@ -16,9 +16,9 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
 from pushfric_core.geometry.planar import Pose, inverse, transform
-from pushfric_core.pushers.check import Grade
 from pushfric_core.pushers.clock import suspended
 from pushfric_core.pushers.pusher import (
+    Grade,
     LeftTheWay,
     Mode,
     NotConnected,

@@ -28,7 +28,7 @@ from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands import doctor
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.commands.doctor import Check, Grade, camera, discovery, interfaces, machine, scene
+from pushfric_ros.commands.doctor import Check, Grade, camera, discovery, machine, scene
 from pushfric_ros.commands.doctor.camera import Frame
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_to_msg
@@ -174,7 +174,7 @@ def test_the_parts_of_a_running_cell_are_left_alone(tmp_path):
 def test_the_environment_of_these_tests_is_the_one_that_was_tried():
     assert machine.check_ros().level is OK
     assert machine.check_packages().level is OK
-    assert interfaces.check_build().level is OK
+    assert machine.check_build().level is OK
 
 
 def test_missing_and_old_packages_are_named(monkeypatch):
@@ -199,7 +199,7 @@ def test_missing_and_old_packages_are_named(monkeypatch):
 def test_an_interface_whose_fields_changed_is_stale(tmp_path, file, text, stale):
     (tmp_path / file).parent.mkdir()
     (tmp_path / file).write_text(text)
-    assert interfaces.stale_interfaces(tmp_path) == stale
+    assert machine.stale_interfaces(tmp_path) == stale
 
 
 @pytest.mark.parametrize(("state", "level"), [(0, OK), (machine.TIME_ERROR, WARNING)])

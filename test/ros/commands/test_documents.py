@@ -19,12 +19,13 @@ from typer.testing import CliRunner
 
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.commands import cli
-from pushfric_core.commands.json_option import spelled_out
-from pushfric_core.files.object_file import load_object, read_yaml
-from pushfric_core.files.observation_file import REQUIRED
+from pushfric_core.commands.application import spelled_out
+from pushfric_core.commands.check_cell import LoadsFile
+from pushfric_core.files.csv_files import REQUIRED
+from pushfric_core.files.object_file import load_object
 from pushfric_core.files.plan_file import load_plan
+from pushfric_core.files.yaml_files import read_yaml
 from pushfric_core.geometry.support import Support
-from pushfric_core.offline.known_loads import LoadsFile
 from pushfric_core.trajectories.ledger import REASONS
 from pushfric_core.vision.camera import Camera, load_camera, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials

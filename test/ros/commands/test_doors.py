@@ -28,13 +28,12 @@ from pushfric_core import (
     stability,
 )
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.cdr import encoder
+from pushfric_core.bags.message_types import encoder
 from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.region import RegionConfig, line_of_motion
+from pushfric_core.files.csv_files import MOVED, OPTIONAL, REQUIRED, TURNED, EdgePushes, PointPushes, read_observations
 from pushfric_core.files.model_file import load_model
 from pushfric_core.files.object_file import OBJECT_FILE, load_object, save_object
-from pushfric_core.files.observation_file import OPTIONAL, REQUIRED, read_observations
-from pushfric_core.files.pushes_file import MOVED, TURNED, EdgePushes, PointPushes
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.surface_models import surface_samples
 from pushfric_core.records import to_json

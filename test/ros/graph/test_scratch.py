@@ -10,12 +10,12 @@ import time
 import pytest
 from ament_index_python.packages import get_package_prefix
 
-from pushfric_ros.graph.scratch import scratch_folder
+from pushfric_ros.graph.supervisor import scratch_folder
 from pushfric_ros.node_kit.executable import PARENT
 
 KEEPS = """
 import signal
-from pushfric_ros.graph.scratch import scratch_folder
+from pushfric_ros.graph.supervisor import scratch_folder
 with scratch_folder() as folder:
     (folder / "file").write_text("text")
     print(folder, flush=True)

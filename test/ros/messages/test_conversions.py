@@ -14,7 +14,7 @@ from pushfric_core.belief.doubts import Change, Rejected
 from pushfric_core.belief.mistakes import LINEAR
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.verdict import Verdict
-from pushfric_core.reasons import Reason
+from pushfric_core.wording import Reason
 from pushfric_msgs.msg import (
     ContactFriction,
     FrictionEstimate,

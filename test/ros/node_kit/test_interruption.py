@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from pushfric_ros.node_kit.interruption import held_back
+from pushfric_ros.node_kit.visit import held_back
 
 
 def test_ctrl_c_takes_effect_at_the_end():

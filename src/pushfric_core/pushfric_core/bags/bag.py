@@ -11,11 +11,10 @@ from typing import Any, NamedTuple, Protocol
 
 import zstandard
 
-from pushfric_core.bags import parts
-from pushfric_core.bags.cdr import Decoder, decoder
 from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, BagMessage, Definition, Gap, Summary, Topic, in_order
 from pushfric_core.bags.mcap_file import RECORD_LIMIT, STRANGE, McapFile
-from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata, read_metadata
+from pushfric_core.bags.message_types import Decoder, decoder
+from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata, parts_of, read_metadata
 from pushfric_core.errors import InvalidInput, PushfricError
 
 PathLike = str | os.PathLike[str]
@@ -96,7 +95,7 @@ class Bag:
         self._decompressed: tempfile.TemporaryDirectory[str] | None = None
         metadata = None if ignore_metadata else read_metadata(self.path)
         self._compressed_messages = metadata is not None and metadata.compression_mode == "message"
-        found = parts.parts_of(self.path, metadata)
+        found = parts_of(self.path, metadata)
         self.files = found.files
         self._files = [self._open(file) for file in found.files]
         self.summary = self._summary()

@@ -5,7 +5,7 @@ import os
 import pathlib
 import secrets
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from types import TracebackType
 from typing import Any, BinaryIO
 
@@ -186,7 +186,6 @@ class BagWriter:
         hash_text: str,
         encoding: str,
         schema: bytes,
-        marks: Mapping[str, str] | None = None,
     ) -> int:
         """Add a topic whose type need not be installed; return its channel, for `append`.
 
@@ -197,7 +196,6 @@ class BagWriter:
             hash_text: RIHS01 hash of the type; empty if it is not known.
             encoding: of the schema, for example ros2msg.
             schema: the definition of the type.
-            marks: further metadata of the channel.
         """
         qos = [profile.entry() for profile in qos_profiles]
         with self.writing():
@@ -208,7 +206,7 @@ class BagWriter:
                 "topic_type_hash": hash_text,
                 FIRST_NUMBER: str(self._first_number),
             }
-            channel: int = self._writer.register_channel(name, "cdr", self._schemas[type_name], {**metadata, **(marks or {})})
+            channel: int = self._writer.register_channel(name, "cdr", self._schemas[type_name], metadata)
         self._metadata[channel] = {
             "name": name,
             "type": type_name,

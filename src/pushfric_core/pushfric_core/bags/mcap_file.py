@@ -18,8 +18,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from pushfric_core.bags.cdr import Decoder
 from pushfric_core.bags.contents import FIRST_NUMBER, UNKNOWN_TOPIC, BagMessage, Definition, Gap, Topic, in_order
+from pushfric_core.bags.message_types import Decoder
 from pushfric_core.bags.offered_qos import profiles_from
 from pushfric_core.bags.rosbag2_metadata import BagMetadata, embedded_metadata
 from pushfric_core.errors import InvalidInput

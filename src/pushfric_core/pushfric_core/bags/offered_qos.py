@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pushfric_core.files.bounded_yaml import load_yaml
+from pushfric_core.files.yaml_text import load_yaml
 
 INFINITE_NS = 2**63 - 1
 """A duration without limit, as the middleware represents it [ns]."""

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pushfric_core.bags.parts import PATTERNS
-from pushfric_core.bags.rosbag2_metadata import METADATA
+from pushfric_core.bags.rosbag2_metadata import METADATA, PATTERNS
 from pushfric_core.bags.run_record import RunRecord, content
 from pushfric_core.bags.samples import (
     force_sample_from_msg,
@@ -22,11 +21,11 @@ from pushfric_core.belief.symptoms import tip_stays_away
 from pushfric_core.errors import InvalidInput, PushfricError, extra
 from pushfric_core.estimation.batch import Warn
 from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator
+from pushfric_core.files.csv_files import read_observations
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import prior
 from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE, ObjectModel, load_object
-from pushfric_core.files.observation_file import read_observations
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.trajectories.ledger import (
     FOREIGN,

@@ -25,8 +25,8 @@ from pushfric_core.belief.constants import (
 from pushfric_core.belief.fit import Fit, Problem, damped, solved
 from pushfric_core.belief.mode import PosteriorMode, common_misfit
 from pushfric_core.geometry.planar import Array
-from pushfric_core.reasons import Reason
 from pushfric_core.records import FieldPlace
+from pushfric_core.wording import Reason
 
 ROUNDS = 4
 """Rounds in which the parameters and the weights of the stretches are found in turns."""

@@ -13,8 +13,8 @@ from pushfric_core.belief.stretches import size_of, steps_of
 from pushfric_core.belief.symptoms import TipOff, forces_off, normals_inward, tip_off, too_fast
 from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import FrictionModel
-from pushfric_core.reasons import Reason
 from pushfric_core.trajectories.observation import Observation
+from pushfric_core.wording import Reason
 
 
 class Doubts(NamedTuple):

@@ -27,7 +27,7 @@ from pushfric_core.belief.fit import Fit, Problem, errors_at, fitting, misfits, 
 from pushfric_core.belief.stretches import Steps, into_object, stretches, thinned
 from pushfric_core.geometry.planar import Array, left_of
 from pushfric_core.geometry.support import rms_arm
-from pushfric_core.reasons import Reason
+from pushfric_core.wording import Reason
 
 STEPS, MORE_STEPS = 4, 2
 """Steps of Gauss-Newton: from even pressure, and from the mode of a similar hypothesis."""

@@ -10,10 +10,9 @@ import numpy as np
 from pushfric_core.belief.stretches import at_contacts
 from pushfric_core.geometry.planar import Array, velocity_at
 from pushfric_core.geometry.support import rms_arm
-from pushfric_core.reasons import Reason
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import Apart
-from pushfric_core.wording import counted
+from pushfric_core.wording import Reason, counted
 
 MAJORITY = 0.5
 """A symptom in more than this share of the observations is not an outlier but a mistake in the input."""

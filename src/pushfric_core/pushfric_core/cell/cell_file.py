@@ -4,6 +4,7 @@ A section holds the fields of one node's settings classes. Its values are read a
 refused for the same reasons as the node, in the same words.
 """
 
+import dataclasses
 import os
 import pathlib
 import re
@@ -29,10 +30,10 @@ from pushfric_core.cell.node_settings import (
 )
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.object_file import yaml_content
+from pushfric_core.files.yaml_files import yaml_content
 from pushfric_core.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, spare_trackers, tracker_kinds
 from pushfric_core.pushers.pusher import PusherConfig, PusherDriver
-from pushfric_core.settings import fields_of, key_of, read, setting
+from pushfric_core.settings import key_of, read, setting
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class CellConfig:
 
 
 ROOT = (CellConfig, FrameConfig, ObjectConfig)
-ROOT_KEYS = tuple(key_of(one) for config in ROOT for one in fields_of(config))
+ROOT_KEYS = tuple(key_of(one) for config in ROOT for one in dataclasses.fields(config))
 SECTIONS: dict[str, tuple[type, ...]] = {
     "camera": (CameraConfig,),
     "pusher": (PusherConfig,),
@@ -179,7 +180,7 @@ def _mapping(name: str, content: Any) -> dict[Any, Any]:
 
 def _beside(values: Mapping[str, Any], folder: pathlib.Path, configs: Sequence[type]) -> dict[str, Any]:
     """The values, with paths into the cell's folder made absolute: of files there, and of YAML files that are nowhere."""
-    paths = {key_of(field) for config in configs for field in fields_of(config) if field.metadata.get("path")}
+    paths = {key_of(field) for config in configs for field in dataclasses.fields(config) if field.metadata.get("path")}
 
     def lies_there(value: str) -> bool:
         return os.path.exists(folder / value) or (value.endswith(".yaml") and not os.path.exists(value))

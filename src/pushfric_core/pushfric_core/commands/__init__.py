@@ -1,4 +1,4 @@
-"""The command line: one module for each command, loaded when it is called."""
+"""The command line: a module for each command or a few of a kind, loaded when one is called."""
 
 SECTIONS = {
     "Estimates and bags": {
@@ -27,3 +27,6 @@ SECTIONS = {
 adds to that."""
 
 COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}
+
+MODULES = {"check-cell": "check_cell", "predict": "planning", "stable": "planning", "report": "view"}
+"""Modules of the commands whose name is not that of a module."""

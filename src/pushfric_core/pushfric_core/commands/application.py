@@ -5,7 +5,7 @@ import pathlib
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import typer
@@ -13,6 +13,7 @@ import typer.core
 from typer.models import ArgumentInfo, ParameterInfo
 
 from pushfric_core.errors import InvalidInput
+from pushfric_core.plausible import other_unit
 from pushfric_core.wording import no_such
 
 HELP = ("-h", "--help")
@@ -196,3 +197,28 @@ def _expected(parameter: Any, wrong: Mapping[str, Any]) -> str:
     if low is not None and high is not None:
         return f"{number} from {low} to {high}"
     return f"{number}, {low} or more" if low is not None else f"{number}, at most {high}" if high is not None else number
+
+
+STDOUT = "-"
+"""The value of an option for a JSON file if no file is given."""
+
+SUFFIX = ".json"
+
+
+def spelled_out(arguments: Sequence[str]) -> list[str]:
+    """Arguments in which --json and --ledger have a value: what follows, if that is the name of a JSON file, else STDOUT."""
+    pairs = zip(arguments, [*arguments, ""][1:], strict=True)
+    options = ("--json", "--ledger")
+    return [f"{one}={STDOUT}" if one in options and not after.endswith(SUFFIX) else one for one, after in pairs]
+
+
+def in_range(low: float, high: float, unit: str) -> dict[str, Any]:
+    """For an option or argument: a number outside of its range is refused, with the unit in which it would make sense."""
+
+    def check(parameter: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None and not low <= value <= high:
+            asked = other_unit(unit, lambda factor: low <= value * factor <= high)
+            raise InvalidInput(f"{parameter.opts[0]} must lie in [{low:g}, {high:g}] {unit}, got {value:g}{asked}")
+        return value
+
+    return {"callback": check}

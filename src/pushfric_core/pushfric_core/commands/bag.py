@@ -12,9 +12,9 @@ from rich.console import Console
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.recorded import Recorded, cells
 from pushfric_core.bags.recovery import recover as recovered
-from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import say, warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
+from pushfric_core.commands.application import STDOUT, Application
+from pushfric_core.commands.console import say, warn, write_json
+from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.result import ledger_table
 from pushfric_core.errors import InvalidInput
 from pushfric_core.records import to_json

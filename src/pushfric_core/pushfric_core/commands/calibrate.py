@@ -11,33 +11,30 @@ import yaml
 
 from pushfric_core.cell.cell_file import CellFile, load_cell
 from pushfric_core.cell.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
-from pushfric_core.commands.application import Application
+from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
-from pushfric_core.commands.console import say, warn
-from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
-from pushfric_core.commands.interrupt import telling_what_is_left
-from pushfric_core.commands.json_option import JsonOption, write_json
-from pushfric_core.commands.node_graph import borrowed
-from pushfric_core.commands.options import in_range
+from pushfric_core.commands.console import say, warn, write_json
+from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, borrowed, frames_from
+from pushfric_core.commands.options import JsonOption
+from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.file_errors import reading
+from pushfric_core.files.disk import reading, write_whole
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.whole_file import write_whole
-from pushfric_core.files.yaml_edit import Value, with_values
+from pushfric_core.files.yaml_text import Value, with_values
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.records import to_json
 from pushfric_core.vision.board import Board
-from pushfric_core.vision.camera import Camera, Image, check_size, load_camera, load_lens, save_camera
-from pushfric_core.vision.fiducial_tracker import load_fiducials
-from pushfric_core.vision.frame_source import Frames
-from pushfric_core.vision.lens_calibration import lens_from_frames
-from pushfric_core.vision.table_calibration import (
+from pushfric_core.vision.calibration import (
     ErrorMap,
     calibrate_table,
+    lens_from_frames,
     read_table_places,
     read_table_points,
     table_from_frames,
 )
+from pushfric_core.vision.camera import Camera, Image, check_size, load_camera, load_lens, save_camera
+from pushfric_core.vision.fiducial_tracker import load_fiducials
+from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.tip_measurement import measure_tip, tip_figures, tip_findings, tip_picture
 from pushfric_core.wording import counted
 

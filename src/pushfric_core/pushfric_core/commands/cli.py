@@ -1,7 +1,8 @@
-"""The command line. Each command is a module of a package of commands, which is loaded only when the command is called.
+"""The command line. Commands are in the modules of packages of commands; a module is loaded only when a command is called.
 
 This package has the commands that need no node graph. Others join by an entry point of the group `pushfric.commands`, a module
-with `SECTIONS` and `COMMANDS` as here, and `prepare`, which is called with a command's name before the command is loaded.
+with `SECTIONS`, `COMMANDS` and perhaps `MODULES` as here, and `prepare`, which is called with a command's name before the
+command is loaded.
 """
 
 import functools
@@ -17,16 +18,12 @@ import typer.main
 
 import pushfric_core
 from pushfric_core import commands
-from pushfric_core.commands.application import HELP, Application, Group, PlainCommand, UsageError, complaint
+from pushfric_core.commands.application import HELP, Application, Group, PlainCommand, UsageError, complaint, spelled_out
 from pushfric_core.commands.console import fail
-from pushfric_core.commands.interrupt import undoing
-from pushfric_core.commands.json_option import spelled_out
+from pushfric_core.commands.program import undoing
 from pushfric_core.errors import InvalidInput, MissingPackage, PushfricError
 
 GROUP = "pushfric.commands"
-
-MODULES = {"check-cell": "check_cell"}
-"""Modules of the commands whose own name cannot be that of a module."""
 
 
 class Commands(Group):
@@ -90,8 +87,9 @@ def load(name: str) -> Any:
     package = package_of(name)
     if package is None:
         raise InvalidInput(f"no such command {name!r}")
-    module = importlib.import_module(f"{package.__name__}.{MODULES.get(name, name)}")
+    module = importlib.import_module(f"{package.__name__}.{getattr(package, 'MODULES', {}).get(name, name)}")
     command = typer.main.get_command(module.app)
+    command = getattr(command, "commands", {}).get(name, command)
     for one in (command, *getattr(command, "commands", {}).values()):
         one.callback = one.callback and undoing(one.callback)
     command.name, command.help = name, "\n\n".join(filter(None, (package.COMMANDS[name], command.help)))

@@ -6,12 +6,11 @@ from typing import Annotated
 import typer
 
 from pushfric_core.cell.node_settings import NAMESPACE, ViewConfig
-from pushfric_core.commands.application import Application
+from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import NamespaceOption
 from pushfric_core.commands.console import say
 from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
-from pushfric_core.commands.interrupt import telling_what_is_left
-from pushfric_core.commands.options import in_range
+from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.plausible import LARGEST

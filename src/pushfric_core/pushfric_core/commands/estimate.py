@@ -7,14 +7,15 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console, say, warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, LedgerOption, write_json
+from pushfric_core.commands.application import STDOUT, Application
+from pushfric_core.commands.console import console, say, warn, write_json
 from pushfric_core.commands.options import (
     CellOption,
     DaskOption,
     GridOption,
     JobsOption,
+    JsonOption,
+    LedgerOption,
     ObjectOption,
     PartialFlag,
     SupportPointsOption,
@@ -22,8 +23,8 @@ from pushfric_core.commands.options import (
 from pushfric_core.commands.result import ledger_table, print_result
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.model_file import check_name, save_model
-from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.records import to_json
 

@@ -10,7 +10,7 @@ from pushfric_core.commands.console import say
 from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
 from pushfric_core.commands.planning import ModelArgument, known
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.whole_file import make_folder, write_whole
+from pushfric_core.files.disk import make_folder, write_whole
 from pushfric_core.formats.body import GRAVITY, HEIGHT, PUSHER_RADIUS
 from pushfric_core.formats.export import FORMATS
 from pushfric_core.formats.export import export as exported

@@ -1,8 +1,10 @@
 """The frames of the camera.source of a cell's file: a device, files, or a topic."""
 
+import importlib.metadata
+from typing import Any
+
 from pushfric_core.cell.node_settings import Discovery
-from pushfric_core.commands.node_graph import borrowed
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, MissingPackage
 from pushfric_core.vision.frame_source import ACCEPTED, TOPICS, DeviceFrames, Frames
 
 ACCEPTED_WITH_TOPICS = f"{ACCEPTED}; or {' or '.join(TOPICS)}, for a camera whose driver is a node"
@@ -28,3 +30,22 @@ def frames_from(source: str, namespace: str, size: tuple[int, int] | None = None
         return DeviceFrames(source, size)
     except InvalidInput as error:
         raise InvalidInput(f"{error}; or {' or '.join(TOPICS)}, for a camera whose driver is a node") from error
+
+
+GROUP = "pushfric.node_graph"
+
+
+def borrowed(name: str, what: str) -> Any:
+    """The parts that such a package provides.
+
+    Args:
+        name: of the entry point: frames (from a topic), stroke (pictures along it).
+        what: is asked for.
+    Raises:
+        MissingPackage: no such package is installed.
+    """
+    found = importlib.metadata.entry_points(group=GROUP, name=name)
+    if not found:
+        raise MissingPackage(f"{what} needs the node graph: the package pushfric_ros is not installed (docs/install.md)")
+    (entry,) = {entry.value: entry for entry in found}.values()
+    return entry.load()

@@ -1,13 +1,14 @@
 """Arguments and options that several commands have."""
 
 import pathlib
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from pushfric_core.commands.application import STDOUT, SUFFIX
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.disk import make_folder
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.plausible import other_unit
 
 RUNS = pathlib.Path("runs")
 """Folder for bags and reports, unless the command line gives another."""
@@ -36,18 +37,6 @@ CellOption = Annotated[
 ]
 
 
-def in_range(low: float, high: float, unit: str) -> dict[str, Any]:
-    """For an option or argument: a number outside of its range is refused, with the unit in which it would make sense."""
-
-    def check(parameter: typer.CallbackParam, value: float | None) -> float | None:
-        if value is not None and not low <= value <= high:
-            asked = other_unit(unit, lambda factor: low <= value * factor <= high)
-            raise InvalidInput(f"{parameter.opts[0]} must lie in [{low:g}, {high:g}] {unit}, got {value:g}{asked}")
-        return value
-
-    return {"callback": check}
-
-
 def _processes(jobs: int) -> int:
     if jobs == 0:
         raise InvalidInput("--jobs must be -1, or 1 or more, got 0")
@@ -58,4 +47,38 @@ JobsOption = Annotated[int, typer.Option(help="Number of processes; -1: one for 
 DaskOption = Annotated[
     str | None,
     typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),
+]
+
+
+def _checked(where: str | None) -> str | None:
+    """Refuse, before any work is done, what cannot be written."""
+    if where is None or where == STDOUT:
+        return where
+    file = pathlib.Path(where)
+    if file.suffix != SUFFIX or file.is_dir():
+        raise InvalidInput(f"{file}: expected the name of a file to write that ends in {SUFFIX}")
+    make_folder(file.parent)
+    return where
+
+
+JsonOption = Annotated[
+    str | None,
+    typer.Option(
+        "--json",
+        help="Print only the result, as one JSON object, on stdout; with FILE.json, print as usual and write the object there.",
+        metavar="[FILE.json]",
+        callback=_checked,
+        show_default=False,
+    ),
+]
+
+LedgerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--ledger",
+        help="Print what became of every message, on stderr and in the JSON; with FILE.json, write it there.",
+        metavar="[FILE.json]",
+        callback=_checked,
+        show_default=False,
+    ),
 ]

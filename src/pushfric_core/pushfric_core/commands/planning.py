@@ -1,16 +1,23 @@
-"""Shared by the commands `predict`, `stable` and `export`: a model from a file, or from the observations of a bag or a CSV."""
+"""The commands `predict` and `stable`, and their model, and that of `export`: from a file, or estimated from a bag or a CSV."""
 
 import contextlib
+import math
 import pathlib
-from collections.abc import Iterator
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any
 
 import typer
 
+from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import warn
+from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption, PartialFlag
+from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.csv_files import MOVED, TURNED, read_edge_pushes, read_point_pushes
 from pushfric_core.files.model_file import SUFFIXES, ModelFile, load_model
 from pushfric_core.files.object_file import ObjectModel
+from pushfric_core.mechanics.prediction import predict as predicted
+from pushfric_core.mechanics.prediction import stability
 from pushfric_core.offline.estimation import Choices, estimate_from
 
 ModelArgument = Annotated[
@@ -46,3 +53,64 @@ def known(
     yield estimation.to_model(), estimation.model
     if estimation.ledger.doubts and not partial:
         raise typer.Exit(1)
+
+
+app = Application()
+
+
+@app.command()
+def predict(
+    model: ModelArgument,
+    pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(MOVED)}.", show_default=False)],
+    object_name: ObjectOption = "",
+    namespace: CellOption = None,
+    partial: PartialFlag = False,
+    json: JsonOption = None,
+) -> None:
+    """The spread is an angle: 90 % of measured twists lie within it of the predicted one."""
+    with known(model, object_name, namespace, partial) as (file, pushed):
+        friction = file.friction()
+        found = predicted(friction, *read_point_pushes(pushes, pushed.outline))
+        rows = [
+            {
+                "twist": found.twists[push].tolist(),
+                "mode": found.modes[push].value,
+                "spread": float(found.spread[push]),
+                "force": found.forces[push].tolist(),
+                "covariance": found.covariance[push].tolist(),
+            }
+            for push in range(len(found.modes))
+        ]
+        if friction.limit is not None:
+            warn(friction.limit)
+        answer(rows, json, _lines(rows))
+
+
+def _lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    for number, row in enumerate(rows, 1):
+        vx, vy, omega = row["twist"]
+        spread = math.degrees(row["spread"])
+        yield f"{number}: {row['mode']}, vx {vx:.5g} m, vy {vy:.5g} m, omega {omega:.5g} rad; 90 % within {spread:.1f} degrees"
+
+
+@app.command()
+def stable(
+    model: ModelArgument,
+    pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(TURNED)}.", show_default=False)],
+    object_name: ObjectOption = "",
+    namespace: CellOption = None,
+    partial: PartialFlag = False,
+    json: JsonOption = None,
+) -> None:
+    """The margin is the least wrench that would make the object slip, as a share of the support friction."""
+    with known(model, object_name, namespace, partial) as (file, pushed):
+        found = stability(file.friction(), *read_edge_pushes(pushes, pushed.outline))
+        rows = [
+            {"stable": bool(holds), "margin": float(margin), "probability": float(probability)}
+            for holds, margin, probability in zip(*found, strict=True)
+        ]
+        lines = (
+            f"{number}: {'holds' if row['stable'] else 'slips'}, margin {row['margin']:.4f} of the support friction"
+            for number, row in enumerate(rows, 1)
+        )
+        answer(rows, json, lines)

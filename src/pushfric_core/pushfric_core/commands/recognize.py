@@ -10,15 +10,22 @@ import typer
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import warn
-from pushfric_core.commands.json_option import JsonOption
-from pushfric_core.commands.options import CellOption, GridOption, Input, ObjectOption, PartialFlag, SupportPointsOption
+from pushfric_core.commands.options import (
+    CellOption,
+    GridOption,
+    Input,
+    JsonOption,
+    ObjectOption,
+    PartialFlag,
+    SupportPointsOption,
+)
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation import batch
 from pushfric_core.estimation.recognition import Recognizer
+from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.model_file import library
-from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.inputs import object_of, with_support
 
 

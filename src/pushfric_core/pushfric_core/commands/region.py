@@ -11,8 +11,7 @@ import typer
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
-from pushfric_core.commands.json_option import JsonOption
-from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
+from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option_as_recorded
 from pushfric_core.errors import InvalidInput

@@ -5,7 +5,8 @@ from typing import Any
 
 from rich.table import Table
 
-from pushfric_core.commands.json_option import STDOUT, write_json
+from pushfric_core.commands.application import STDOUT
+from pushfric_core.commands.console import write_json
 from pushfric_core.estimation.estimate_report import center_line, contact_friction_line
 from pushfric_core.records import to_json
 from pushfric_core.solvers.program import Loss

@@ -9,9 +9,9 @@ from typing import Annotated, Any
 
 import typer
 
-from pushfric_core.commands.options import in_range
+from pushfric_core.commands.application import in_range
 from pushfric_core.estimation.estimator import EstimatorConfig
-from pushfric_core.offline.chosen_settings import ChosenSettings
+from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.settings import AUTO, unit_in, written
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
 

@@ -14,11 +14,11 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import CameraConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.json_option import JsonOption
+from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import CAMERA_FILE
-from pushfric_core.files.whole_file import write_whole
 from pushfric_core.offline.inputs import object_of
 from pushfric_core.offline.tracking import Retracked, calibration_beside, image_topic, track_again
 from pushfric_core.vision.camera import load_camera

@@ -1,6 +1,7 @@
-"""The command `view`."""
+"""The commands `view` and `report`."""
 
 import pathlib
+import sys
 import tempfile
 import threading
 import time
@@ -12,6 +13,7 @@ from pushfric_core.cell.node_settings import REPORT_FILE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import CellOption, Input, ObjectOption, PartialFlag
+from pushfric_core.files.disk import write_whole
 from pushfric_core.page.run_server import Server
 from pushfric_core.page.story import Change, Told
 
@@ -64,3 +66,22 @@ def view(
             threading.Event().wait()
         finally:
             server.close()
+
+
+@app.command()
+def report(
+    source: Input,
+    html: Annotated[pathlib.Path, typer.Option(help="File to write: a page that needs no other file.", show_default=False)],
+    object_name: ObjectOption = "",
+    partial: PartialFlag = False,
+    namespace: CellOption = None,
+) -> None:
+    """Exit code 1: the page says not to use the estimate, or the bag does not add up."""
+    from pushfric_core.offline.estimation import Choices, estimate_from  # imported late, as above
+    from pushfric_core.page.report import report as page_of
+
+    estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
+    write_whole(html, page_of(estimation, html, namespace))
+    say(f"wrote {html}")
+    if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
+        sys.exit(1)

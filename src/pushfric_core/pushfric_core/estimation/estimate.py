@@ -23,13 +23,12 @@ from pushfric_core.geometry.support import center_of_friction
 from pushfric_core.mechanics.prediction import FrictionModel, MuC
 from pushfric_core.program import contact_friction
 from pushfric_core.program.contact_friction import ContactForces, Tip
-from pushfric_core.reasons import Reason
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Optimum, Status
 from pushfric_core.steps import finished
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
-from pushfric_core.wording import observations_of
+from pushfric_core.wording import Reason, data_of
 
 if TYPE_CHECKING:
     import pandas
@@ -178,14 +177,12 @@ class Estimate:
         if not self.data_points:
             return f"no observations yet: any w over the {len(self.w)} support points is as good as another"
         figures = self.to_dict()
-        rests_on = f"from   {observations_of(self.data_points, self.pushes)}; {self.verdict}"
+        rests_on = f"from   {data_of(self.data_points, self.pushes)}; {self.verdict}"
         return f"{center_line(figures)}\n{contact_friction_line(figures)}\n{rests_on}"
 
     def __repr__(self) -> str:
         x, y = 1e3 * self.center_of_friction
-        return (
-            f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from {observations_of(self.data_points, self.pushes)}, {self.status.value}>"
-        )
+        return f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from {data_of(self.data_points, self.pushes)}, {self.status.value}>"
 
     def to_dict(self, object_name: str = "") -> dict[str, Any]:
         """All numbers, named as in the JSON of `pushfric estimate --json`: SI units, object frame (docs/files.md).

@@ -16,9 +16,9 @@ from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import FrictionModel, MuC
 from pushfric_core.program.contact_friction import Slip
-from pushfric_core.reasons import Reason
 from pushfric_core.records import FieldPlace, plain
 from pushfric_core.solvers.program import Status
+from pushfric_core.wording import Reason
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate

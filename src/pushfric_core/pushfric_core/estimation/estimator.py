@@ -20,7 +20,6 @@ from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.support import COR_SHARE, FreeRadii, SupportForces, check_points, rms_arm, support_forces
 from pushfric_core.plugins import installed, plugin
-from pushfric_core.program.constraint_rows import stack
 from pushfric_core.program.constraints import (
     Cone,
     Constraint,
@@ -30,6 +29,7 @@ from pushfric_core.program.constraints import (
     SensedDirection,
     SensedForce,
     center_of_friction_rows,
+    stack,
 )
 from pushfric_core.program.contact_friction import ContactForces, Tip, contact_forces, tip_at
 from pushfric_core.settings import check_ranges, setting
@@ -38,7 +38,7 @@ from pushfric_core.solvers.program import Loss, Optimum, Solver
 from pushfric_core.steps import finished
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
-from pushfric_core.wording import counted, observations_of
+from pushfric_core.wording import counted, data_of
 
 TERMS: dict[str, Callable[[EstimatorConfig], Constraint]] = {
     "moment": lambda config: Moment(config.half_width),
@@ -275,7 +275,7 @@ class Estimator:
         return tuple(self._rejected[push_id] for push_id in sorted(self._rejected))
 
     def __repr__(self) -> str:
-        count = observations_of(len(self.observations), len({one.push_id for one in self.observations}))
+        count = data_of(len(self.observations), len({one.push_id for one in self.observations}))
         return f"<Estimator: {count}, {counted(len(self.support_points), 'support point')}>"
 
     def add(self, observations: Observation | Iterable[Observation]) -> Estimate:

@@ -3,8 +3,7 @@
 import itertools
 import math
 
-from pushfric_core.reasons import Reason
-from pushfric_core.wording import counted
+from pushfric_core.wording import Reason, counted
 
 FEWEST_PUSHES = 4
 """For fewer pushes there is no spread: how far p_CF scatters would rest on two differences between pushes, or fewer."""

@@ -13,8 +13,7 @@ from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig, free_radii
 from pushfric_core.geometry.planar import Array, as_array, rotation
 from pushfric_core.geometry.support import FreeRadii, Support, SupportForces, support_forces
-from pushfric_core.program.constraint_rows import ConstraintRows
-from pushfric_core.program.constraints import Constraint
+from pushfric_core.program.constraints import Constraint, ConstraintRows
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation

@@ -20,7 +20,7 @@ from pushfric_core.errors import UninformativePush
 from pushfric_core.geometry.contact import friction_cone
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, as_array, left_of, velocity_at
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.records import comparable
 from pushfric_core.settings import check_ranges, setting
 from pushfric_core.solvers import empty_program

@@ -8,7 +8,7 @@ from pushfric_core.belief.doubts import Change, Rejected
 from pushfric_core.belief.judge import Judgement
 from pushfric_core.geometry.planar import cross, velocity_at
 from pushfric_core.geometry.support import rms_arm
-from pushfric_core.reasons import Reason
+from pushfric_core.wording import Reason
 
 if TYPE_CHECKING:
     from pushfric_core.estimation.estimate import Estimate

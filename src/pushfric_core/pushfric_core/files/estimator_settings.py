@@ -1,4 +1,4 @@
-"""All settings of an estimate as one record: in the cell's file, as the estimator's parameters, and in the bag for a replay."""
+"""All settings of an estimate as one record, for files, nodes and bags; and what a user chooses instead of recorded ones."""
 
 import dataclasses
 import json
@@ -8,14 +8,15 @@ from typing import Any, ClassVar
 
 import numpy.typing as npt
 
+from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.batch import Warn, usable_by
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.region import RegionConfig
-from pushfric_core.files.file_errors import shortened
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.settings import merged, read, setting
+from pushfric_core.settings import merged, plain, read, setting
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.trajectory import TrajectoryConfig
+from pushfric_core.wording import shortened
 
 TOPIC = "estimator_settings"
 START_TOPIC = "estimation_start"
@@ -116,3 +117,33 @@ class EstimatorSettings:
         if not isinstance(values, dict):
             raise ValueError(f"the estimator's settings must be a JSON object, got {shortened(text)}")
         return cls.from_parameters(values)
+
+
+@dataclass(frozen=True)
+class ChosenSettings:
+    """The user's choices; everything else is as recorded."""
+
+    estimator: Mapping[str, Any] = field(default_factory=dict)  # fields of EstimatorConfig, and pose_lag
+    excluded: tuple[int, ...] = ()  # pushes that are left out, in addition to those of the recorded run
+    slipping: tuple[int, ...] = ()  # pushes known to slip, in addition to those of the recorded run
+    kept: tuple[int, ...] = ()  # pushes kept even if they are unlike the others, in addition to those of the recorded run
+
+    def over(self, recorded: EstimatorSettings) -> EstimatorSettings:
+        """The recorded settings, except for those that the user chose.
+
+        Raises:
+            InvalidInput: a chosen value is out of range.
+        """
+        given = dict(self.estimator)
+        lag = given.pop("pose_lag", recorded.trajectory.pose_lag)
+        if "cone" not in recorded.estimator.terms:
+            given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # a bound that the run did not use says nothing about mu_c
+        try:
+            (config,) = read(plain(recorded.estimator) | given, EstimatorConfig)
+            trajectory = dataclasses.replace(recorded.trajectory, pose_lag=lag)
+        except ValueError as error:
+            raise InvalidInput(str(error)) from error
+        slipping = tuple(sorted({*recorded.slipping, *self.slipping}))
+        kept = tuple(sorted({*recorded.kept, *self.kept}))
+        settings = recorded.without(self.excluded)
+        return dataclasses.replace(settings, estimator=config, trajectory=trajectory, slipping=slipping, kept=kept)

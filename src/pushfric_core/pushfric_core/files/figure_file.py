@@ -6,7 +6,7 @@ from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.whole_file import make_folder
+from pushfric_core.files.disk import make_folder
 
 
 def check_image_name(path: pathlib.Path) -> None:

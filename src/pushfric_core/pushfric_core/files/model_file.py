@@ -13,17 +13,17 @@ import yaml
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate import Estimate, friction_model
 from pushfric_core.estimation.recognition import Hypothesis
+from pushfric_core.files.disk import as_named_here, make_folder, write_whole
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.file_errors import as_named_here, shortened
-from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, Strict, SupportFile, make_object, read_yaml, within
-from pushfric_core.files.whole_file import make_folder, write_whole
+from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, SupportFile, make_object, within
+from pushfric_core.files.yaml_files import Strict, read_yaml
 from pushfric_core.geometry.planar import Pose, Twist
 from pushfric_core.mechanics.prediction import FrictionModel, Kind
 from pushfric_core.mechanics.quasi_static import SUM
 from pushfric_core.plausible import STRONGEST
 from pushfric_core.records import plain
 from pushfric_core.trajectories.observation import PUSH_IDS, Observation
-from pushfric_core.wording import observations_of
+from pushfric_core.wording import data_of, shortened
 
 SUFFIXES = (".yaml", ".yml")
 FORMAT = 2
@@ -151,7 +151,7 @@ class ModelFile(Strict):
         """The origin of the model, and whether it may be used, in words."""
         made = self.made
         verdict = "no verdict" if made.verdict is None else "; ".join(made.verdict) or "may be used"
-        return f"{self.object.name}: {observations_of(made.data_points, made.pushes)} from {made.source}; verdict: {verdict}"
+        return f"{self.object.name}: {data_of(made.data_points, made.pushes)} from {made.source}; verdict: {verdict}"
 
     def observations(self) -> list[Observation]:
         """The observations that the model was made from, in order."""
@@ -208,13 +208,13 @@ def _entry(observation: Observation) -> ObservationEntry:
     return ObservationEntry.model_validate({key: getattr(observation, FIELDS.get(key, key)) for key in keys})
 
 
-def load_model(path: pathlib.Path) -> tuple[ModelFile, ObjectModel]:
-    """A model, and the object that it describes.
+def load_model(path: pathlib.Path, content: Any = None) -> tuple[ModelFile, ObjectModel]:
+    """A model, and the object that it describes; `content` as for `read_yaml`.
 
     Raises:
         InvalidInput: the file cannot be read or is not a model; one line says what is wrong, where, and what was expected.
     """
-    file = read_yaml(path, ModelFile)
+    file = read_yaml(path, ModelFile, content)
     model = make_object(file.object, str(path))
     try:
         for observation in file.observations():

@@ -9,8 +9,9 @@ import yaml
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement, slipping_pushes
-from pushfric_core.files.object_file import Length, ObjectModel, Strict, read_yaml
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.disk import write_whole
+from pushfric_core.files.object_file import Length, ObjectModel
+from pushfric_core.files.yaml_files import Strict, read_yaml
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.table_1 import TABLE_1

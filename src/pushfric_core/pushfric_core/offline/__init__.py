@@ -1,1 +1,1 @@
-"""Work on files, without a graph: estimates of one input or hundreds, images tracked again, known loads."""
+"""Work on files, without a graph: estimates of one input or hundreds, and images tracked again."""

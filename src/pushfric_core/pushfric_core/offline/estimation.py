@@ -12,10 +12,9 @@ from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.verdict import Verdict
-from pushfric_core.files.estimator_settings import EstimatorSettings
+from pushfric_core.files.estimator_settings import ChosenSettings, EstimatorSettings
 from pushfric_core.files.model_file import ModelFile, make_model
 from pushfric_core.files.object_file import ObjectModel
-from pushfric_core.offline.chosen_settings import ChosenSettings
 from pushfric_core.offline.inputs import object_of, with_support
 from pushfric_core.trajectories.ledger import Ledger
 from pushfric_core.trajectories.observation import Observation

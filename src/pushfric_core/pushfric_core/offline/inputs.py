@@ -14,14 +14,14 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SUFFIXES, ModelFile, load_model
 from pushfric_core.files.object_file import (
     OBJECT_FILE,
+    ObjectFile,
     ObjectModel,
     SupportFile,
-    complaint,
     load_object,
     make_object,
     read_points,
-    yaml_content,
 )
+from pushfric_core.files.yaml_files import complaint, read_yaml, yaml_content
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
@@ -131,8 +131,9 @@ def load(
     path = pathlib.Path(source)
     if path.suffix in SUFFIXES and not path.is_dir():
         content = yaml_content(path)
-        is_object = isinstance(content, dict) and "outline" in content
-        return load_object(str(path)) if is_object else load_model(path)[0]
+        if isinstance(content, dict) and "outline" in content:
+            return make_object(read_yaml(path, ObjectFile, content), str(path))
+        return load_model(path, content)[0]
     if str(path) in TABLE_1 and not path.exists():
         return load_object(str(path))
     model, _ = object_of(path, os.fspath(object), "object='OBJ.yaml'")

@@ -10,8 +10,8 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Array
 from pushfric_core.plausible import FARTHEST
+from pushfric_core.vision.calibration import Placement, TableCalibration, calibrate_table
 from pushfric_core.vision.camera import Camera, Image, Lens, check_size, save_camera
-from pushfric_core.vision.table_calibration import Placement, TableCalibration, calibrate_table
 from pushfric_core.wording import counted
 
 MOST = 100

@@ -10,8 +10,9 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.object_file import Length, ObjectFile, ObjectModel, Point, Strict, complaint, edited_object, read_yaml
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.disk import write_whole
+from pushfric_core.files.object_file import Length, ObjectFile, ObjectModel, Point, edited_object
+from pushfric_core.files.yaml_files import Strict, complaint, read_yaml
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.vision.camera import Camera, Image, check_size
 from pushfric_core.vision.contour_tracker import ContourTracker

@@ -8,8 +8,7 @@ import math
 
 from pushfric_core.pushers.axis_reports import MM, MM_PER_MINUTE, STATE_MODES, StatusReport
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.driver import Script
-from pushfric_core.pushers.driver_states import Phase, Role
+from pushfric_core.pushers.driver import Phase, Role, Script
 from pushfric_core.pushers.grbl_protocol import (
     ALARM,
     AXIS_SOFT_LIMITS,

@@ -1,4 +1,4 @@
-"""The interface of a pusher, whatever protocol it speaks, and the errors of one."""
+"""The interface of a pusher, whatever protocol it speaks: its settings, errors, and checks for the doctor."""
 
 import dataclasses
 import math
@@ -10,8 +10,25 @@ from typing import NamedTuple, Protocol
 
 from pushfric_core.errors import PushfricError
 from pushfric_core.geometry.contact import pushing_line
-from pushfric_core.pushers.check import Check
 from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
+
+
+class Grade(Enum):
+    """How a check came out."""
+
+    OK = "ok"
+    WARNING = "warning"
+    FAILED = "failed"
+
+
+class Check(NamedTuple):
+    """A check and its finding."""
+
+    name: str
+    level: Grade
+    finding: str
+    advice: str = ""  # what to do; empty if nothing is wrong
+
 
 POLL_PERIOD = 0.005  # [s]
 

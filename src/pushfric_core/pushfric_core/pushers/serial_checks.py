@@ -8,8 +8,7 @@ from collections.abc import Iterator
 
 from serial.tools.list_ports import comports
 
-from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherError, drive
+from pushfric_core.pushers.pusher import Check, Grade, Limits, Mode, PusherConfig, PusherError, drive
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
 

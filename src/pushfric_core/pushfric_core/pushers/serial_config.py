@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from pushfric_core.pushers.check import Check
-from pushfric_core.pushers.pusher import Pusher, PusherConfig
+from pushfric_core.pushers.pusher import Check, Pusher, PusherConfig
 from pushfric_core.pushers.serial_settings import SerialSettings
 
 if TYPE_CHECKING:

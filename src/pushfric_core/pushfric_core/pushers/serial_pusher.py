@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pushfric_core.pushers.axis_reports import MM, STATE_MODES, AxisReports, StatusReport, moves
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.driver import Driver, Script
-from pushfric_core.pushers.driver_states import Phase, Role
-from pushfric_core.pushers.push_states import Homing
+from pushfric_core.pushers.driver import Driver, Phase, Role, Script
 from pushfric_core.pushers.pusher import (
     Halted,
     Held,
@@ -29,7 +27,7 @@ from pushfric_core.pushers.pusher import (
 )
 from pushfric_core.pushers.serial_line import WIPED, Refused, SerialLine, identity_of
 from pushfric_core.pushers.serial_settings import AXES, SerialSettings
-from pushfric_core.pushers.state_table import State
+from pushfric_core.pushers.states import Homing, State
 from pushfric_core.pushers.stroke import Stroke
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import osqp
 from scipy import sparse
 
 from pushfric_core.geometry.planar import Array
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.solvers.active_set import VIOLATED, hard_rows, nearest
 from pushfric_core.solvers.program import (
     HARD_VIOLATION,

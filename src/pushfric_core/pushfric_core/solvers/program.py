@@ -14,7 +14,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pushfric_core.geometry.planar import Array
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.records import comparable
 
 RELATIVE_GAP = 1e-9

@@ -16,8 +16,9 @@ import numpy as np
 
 from pushfric_core.errors import warn_unless_compiled
 from pushfric_core.geometry.planar import Array, Indices
-from pushfric_core.program.constraint_rows import ConstraintRows
+from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.solvers import pivoting
+from pushfric_core.solvers.active_set import nearest_uniform
 from pushfric_core.solvers.basis import Basis
 from pushfric_core.solvers.pivoting import Ball
 from pushfric_core.solvers.program import (
@@ -33,7 +34,6 @@ from pushfric_core.solvers.program import (
     finite,
 )
 from pushfric_core.solvers.tableau import COEFFICIENT, COST, LARGEST, REFRESH, ZERO, Rows, empty_rows
-from pushfric_core.solvers.tie_break import nearest_uniform
 
 OWN_GAP = RELATIVE_GAP / 2
 """Half of what `program.certify` allows, because it sums in another order and must come to the same conclusion."""

@@ -1,12 +1,26 @@
-"""Whether the clocks of two streams step against each other, by the times at which their samples were received.
+"""The clocks of two streams: whether they step against each other, and how far poses lag behind the pusher.
 
 A busy machine delays single samples, and many for a while, but hardly ever all of them: the least delay of a time shows what
 the clocks say. If it changes for good, and in one stream only, a clock has stepped. A recorder whose clock steps changes both.
+
+While the tip pushes, it seems to be too far into the object, by its speed times the lag; once it has stopped, and the object
+rests, it does not. So errors of outline, tip and calibration, which are alike in both, do not matter. The lags of the pushes
+scatter as much as their mean may be off. Only a tip that keeps to its line can be compared in this way.
 """
 
 import math
 from bisect import bisect_right
-from typing import NamedTuple
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from pushfric_core.geometry.outline import Outline
+from pushfric_core.trajectories.course import RESTS
+
+if TYPE_CHECKING:
+    from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
 
 BLOCK = 16
 """Samples of which the second least delay counts: so a single wild stamp does not."""
@@ -96,3 +110,130 @@ class _Delays:
     def _least_of(self, begin: int, end: int) -> float:
         blocks = self._least[begin:end]
         return float(min(blocks)) if len(blocks) >= FEWEST else math.nan
+
+
+GUARD = 0.2
+"""A lag is less than this [s]: frames that are nearer to a change of the tip's speed do not count."""
+
+NEAR = 1.0
+"""Only frames this near to the end of a push count [s]: the contact is almost where the object then rests."""
+
+FEWEST_FRAMES, FEWEST_PUSHES = 3, 5
+"""Number of frames in motion and at rest, and of pushes, that show a lag."""
+
+STEADY = 0.1
+"""A tip is steady if its speeds before and after a frame differ by at most this fraction."""
+
+MOVED = 0.001
+"""The object is pushed once it has moved by this much [m]."""
+
+STRAY = 5.0
+"""Pushes farther from the median lag than this multiple of the median distance do not count: a hand moved the object."""
+
+
+SERIES = (0.4339, 0.983, 1.4202, 1.5238, 1.6449)
+"""Coefficients of `student` by falling powers of 1 / freedom."""
+
+
+class Lag(NamedTuple):
+    """How late the stamps of poses are."""
+
+    mean: float  # [s]; negative: those of the pusher states are late
+    radius: float  # the lag is within this of the mean with 90 % probability [s]
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it is certain that it is more than delays."""
+        return abs(self.mean) - self.radius > SMALLEST
+
+
+@dataclass
+class _Push:
+    """A push, with what came in the second after it."""
+
+    end: int = 0  # the stamp of its last state [ns]
+    states: "list[PusherSample]" = field(default_factory=list)
+    frames: "list[PoseSample]" = field(default_factory=list)
+
+
+class Lags:
+    """Measures the lag in each push, once the next one begins.
+
+    Args:
+        outline: of the object.
+    """
+
+    def __init__(self, outline: Outline) -> None:
+        self._outline = outline
+        self._pushes: deque[_Push] = deque()  # that are not measured yet
+        self._newest: int | None = None  # push
+        self._found: list[tuple[float, float]] = []  # of each push: its lag [s] and its weight
+
+    def add_state(self, state: "PusherSample") -> None:
+        """Take the next pusher state, in order of time."""
+        if state.push_id is not None:
+            if state.push_id != self._newest or not self._pushes:
+                self._newest = state.push_id
+                self._pushes.append(_Push())
+            self._pushes[-1].end = state.stamp
+        if self._pushes and state.stamp - self._pushes[-1].end < (NEAR + GUARD) * 1e9:
+            self._pushes[-1].states.append(state)
+
+    def add_pose(self, sample: "PoseSample") -> None:
+        """Take the next pose, in order of time, once a later state has been taken."""
+        while len(self._pushes) > 1 and sample.stamp >= self._pushes[1].states[0].stamp:
+            if (found := self._measured(self._pushes.popleft())) is not None:
+                self._found.append(found)
+        if self._pushes and self._pushes[0].states[0].stamp <= sample.stamp < self._pushes[0].end + NEAR * 1e9:
+            self._pushes[0].frames.append(sample)
+
+    @property
+    def lag(self) -> Lag | None:
+        """The lag in the pushes so far; None while too few show it."""
+        if len(self._found) < FEWEST_PUSHES:
+            return None
+        lags, weights = np.array(self._found).T
+        off = np.abs(lags - np.median(lags))
+        near = off <= STRAY * np.median(off)
+        lags, weights, count = lags[near], weights[near], int(near.sum())
+        mean = weights @ lags / weights.sum()
+        variance = weights @ (lags - mean) ** 2 / weights.sum() / (count - 1)
+        return Lag(float(mean), student(count - 1) * math.sqrt(variance))
+
+    def _measured(self, push: _Push) -> tuple[float, float] | None:
+        """The lag in a push, and its weight; None if it does not show it."""
+        line, start = push.states[0].line, push.states[0].stamp
+        last = next(one for one in push.states if one.stamp == push.end)
+        stops = abs(last.speed) <= RESTS < max(one.speed for one in push.states)  # else nobody knows how far the tip went
+        if len(push.frames) < FEWEST_FRAMES or not stops or any(one.line != line for one in push.states):
+            return None
+        times = np.array([one.stamp - start for one in push.states]) * 1e-9
+        farthest = np.maximum.accumulate([one.position for one in push.states])  # the object stays where it was pushed to
+        stop = times[np.argmax(farthest >= farthest[-1] - MOVED / 10)]
+        at = np.array([one.stamp - start for one in push.frames]) * 1e-9
+        counts = at >= stop - NEAR - GUARD
+        counts[:FEWEST_FRAMES] = True
+        at, frames = at[counts], [one for one, used in zip(push.frames, counts, strict=True) if used]
+        touches = [line.touch(self._outline, one.pose) for one in frames]
+        met = np.array([math.nan if one is None or one.edge is None else one.distance for one in touches])
+        before, now, after = (np.interp(at + shift, times, farthest) for shift in (-GUARD, 0.0, GUARD))
+        resting = (at >= stop + GUARD) & np.isfinite(met)
+        if resting.sum() < FEWEST_FRAMES:
+            return None
+        error = farthest[-1] - met[resting].mean()
+        speeds = (after - before) / (2 * GUARD)
+        steady = np.abs(after - 2 * now + before) <= STEADY * (after - now)
+        pushed = steady & (at <= stop - GUARD) & (before - error >= met[:FEWEST_FRAMES].mean() + MOVED)
+        if pushed.sum() < FEWEST_FRAMES:
+            return None
+        lag = np.mean((now - met - error)[pushed] / speeds[pushed])
+        weight = np.mean(speeds[pushed]) ** 2 / (1 / pushed.sum() + 1 / resting.sum())
+        return (float(lag), float(weight)) if math.isfinite(lag) else None
+
+
+def student(freedom: int) -> float:
+    """The 95 % quantile of Student's distribution (Abramowitz and Stegun 1972, 26.7.5), to .3 % from two degrees of freedom on.
+
+    scipy.special has it, but takes as long to load as all that a node needs.
+    """
+    return float(np.polyval(SERIES, 1 / freedom))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, overload
 
 from pushfric_core.errors import extra
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.wording import observations_of
+from pushfric_core.wording import data_of
 
 if TYPE_CHECKING:
     import pandas
@@ -55,7 +55,7 @@ class Observations(Sequence[Observation]):
 
     def __repr__(self) -> str:
         pushes = len({observation.push_id for observation in self})
-        return f"<{type(self).__name__}: {observations_of(len(self), pushes)}>"
+        return f"<{type(self).__name__}: {data_of(len(self), pushes)}>"
 
     def to_rows(self) -> list[dict[str, float]]:
         """The rows of `to_frame`, by the names of its columns."""

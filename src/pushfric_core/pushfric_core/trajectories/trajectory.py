@@ -28,9 +28,8 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import Array, Pose, Twist, inverse, rotation, transform, wrap
 from pushfric_core.settings import check_ranges, setting
-from pushfric_core.trajectories.clocks import Clocks
+from pushfric_core.trajectories.clocks import Clocks, Lag, Lags
 from pushfric_core.trajectories.course import Course, Planned
-from pushfric_core.trajectories.lag import Lag, Lags
 from pushfric_core.trajectories.ledger import (
     BETWEEN_FRAMES,
     BETWEEN_PUSHES,

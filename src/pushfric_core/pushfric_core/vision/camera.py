@@ -12,8 +12,8 @@ import numpy.typing as npt
 import yaml
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.object_file import yaml_content
-from pushfric_core.files.whole_file import write_whole
+from pushfric_core.files.disk import write_whole
+from pushfric_core.files.yaml_files import yaml_content
 from pushfric_core.geometry.planar import Array
 from pushfric_core.vision import PIXEL_LIMIT
 

@@ -10,7 +10,8 @@ import numpy.typing as npt
 import pydantic
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.object_file import Point, Strict, read_yaml, within
+from pushfric_core.files.object_file import Point, within
+from pushfric_core.files.yaml_files import Strict, read_yaml
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, transform
 from pushfric_core.plausible import LARGEST

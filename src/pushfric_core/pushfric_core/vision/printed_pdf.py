@@ -11,7 +11,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.whole_file import make_folder
+from pushfric_core.files.disk import make_folder
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.vision.board import MARKER, Board, charuco
 from pushfric_core.vision.fiducial_tracker import BORDER_MODULES, Fiducials

@@ -5,6 +5,7 @@ An arm is not a stage: it can leave the line. So each command corrects what the 
 whatever takes the commands ends it.
 """
 
+import dataclasses
 import math
 import os
 from abc import ABC, abstractmethod
@@ -21,11 +22,11 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Array, Pose, left_of, rotation, transform
 from pushfric_core.plugins import SOURCES, plugin
-from pushfric_core.pushers.check import Check, Grade
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.driver import Driver, Script
-from pushfric_core.pushers.driver_states import Phase
+from pushfric_core.pushers.driver import Driver, Phase, Script
 from pushfric_core.pushers.pusher import (
+    Check,
+    Grade,
     LeftTheWay,
     Limits,
     Mode,
@@ -37,12 +38,10 @@ from pushfric_core.pushers.pusher import (
     PusherReport,
     drive,
 )
-from pushfric_core.pushers.state_table import State
+from pushfric_core.pushers.states import State
 from pushfric_core.pushers.stroke import OFF_WAY, Stroke
-from pushfric_core.settings import fields_of, setting
-from pushfric_ros.adapters.body import Body, Source
-from pushfric_ros.adapters.pose_stamped import PoseStampedConfig
-from pushfric_ros.adapters.transforms import TransformsConfig
+from pushfric_core.settings import setting
+from pushfric_ros.adapters.body import Body, PoseStampedConfig, Source, TransformsConfig
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.bodies import taken
 from pushfric_ros.node_kit.visit import Visit, visit
@@ -75,7 +74,7 @@ class ArmConfig(TransformsConfig, PoseStampedConfig, MountConfig, ABC):
     def open_source(self) -> Source:
         """The source of the last link's poses."""
         kind = plugin(SOURCES, self.source)
-        return kind(**{field.name: getattr(self, field.name) for field in fields_of(kind)}).open_source()
+        return kind(**{field.name: getattr(self, field.name) for field in dataclasses.fields(kind)}).open_source()
 
     @abstractmethod
     def open_command(self, node: Any) -> "Command":

@@ -24,6 +24,9 @@ adds to that."""
 
 COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}
 
+MODULES = dict.fromkeys(("reset", "status", "echo", "jog"), "pusher")
+"""Modules of the commands whose name is not that of a module."""
+
 RUN_NODES = ("demo", "run", "replay")
 """Commands that start the nodes of a graph."""
 

@@ -15,10 +15,9 @@ from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, SimulationConfig, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import AUTO_VIEW, HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
-from pushfric_core.commands.console import console, fail
-from pushfric_core.commands.interrupt import telling_what_is_left
-from pushfric_core.commands.json_option import JsonOption, write_json
-from pushfric_core.commands.options import RUNS
+from pushfric_core.commands.console import console, fail, write_json
+from pushfric_core.commands.options import RUNS, JsonOption
+from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
@@ -34,8 +33,7 @@ from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.recorded_run import left_behind, print_result
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
-from pushfric_ros.graph.scratch import scratch_folder
-from pushfric_ros.graph.supervisor import Ended
+from pushfric_ros.graph.supervisor import Ended, scratch_folder
 from pushfric_ros.messages.conversions import report_from_msg
 from pushfric_ros.messages.markers import center_of_friction_from
 

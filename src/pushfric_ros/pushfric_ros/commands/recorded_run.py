@@ -9,9 +9,9 @@ from pushfric_core.commands.console import warn
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import taken
 from pushfric_core.estimation.push_plan import index_of, number_of
+from pushfric_core.files.disk import write_whole
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
-from pushfric_core.files.whole_file import write_whole
 from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_core.wording import counted
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress

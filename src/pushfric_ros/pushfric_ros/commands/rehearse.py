@@ -9,11 +9,10 @@ import yaml
 from rich.console import Console
 from rich.table import Table
 
-from pushfric_core.commands.application import Application
+from pushfric_core.commands.application import STDOUT, Application, in_range
 from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
-from pushfric_core.commands.console import console, warn
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
-from pushfric_core.commands.options import in_range
+from pushfric_core.commands.console import console, warn, write_json
+from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.plausible import check_within

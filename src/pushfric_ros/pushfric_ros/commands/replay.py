@@ -10,8 +10,7 @@ from pushfric_core.cell.node_settings import PlannerConfig, PlayerConfig, ViewCo
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail, warn
-from pushfric_core.commands.json_option import JsonOption
-from pushfric_core.commands.options import CellOption, ObjectOption, PartialFlag
+from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import print_result
 from pushfric_core.commands.settings_options import option
 from pushfric_core.files.object_file import PRIOR_FILE

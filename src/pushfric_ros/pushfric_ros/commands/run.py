@@ -13,8 +13,8 @@ from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfi
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
 from pushfric_core.commands.console import console, fail
-from pushfric_core.commands.interrupt import telling_what_is_left
 from pushfric_core.commands.options import RUNS
+from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object

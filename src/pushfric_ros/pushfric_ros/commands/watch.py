@@ -11,7 +11,6 @@ import time
 import tty
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -22,7 +21,7 @@ from rich.text import Text
 
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.commands.console import warn
-from pushfric_core.commands.interrupt import end_at_once
+from pushfric_core.commands.program import end_at_once
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.push_plan import index_of
 from pushfric_core.geometry.table_1 import TableObject
@@ -201,14 +200,16 @@ class Monitor:
     def watch(self, supervisor: Supervisor, done: Callable[[], bool]) -> Ended:
         """Show what happens until the run ends; if it ends well, go on until `done`, but not for ever."""
         ended, lingers, deadline, progress = None, 0.0, 0.0, (-1, -1)
-        with Live(self._view(), console=self._console, refresh_per_second=8) if self._live else _Quiet() as view:
+        shown = Live(self._view(), console=self._console, refresh_per_second=8) if self._live else contextlib.nullcontext()
+        with shown as view:
             while ended is None or (
                 ended.code == 0 and time.monotonic() < deadline and (time.monotonic() < lingers or not done())
             ):
                 self._visit.spin_once(0.05)
                 self._take_keys()
                 self._tell()
-                view.update(self._view())
+                if view is not None:
+                    view.update(self._view())
                 now = supervisor.poll()  # to the very end, for Ctrl-C, and for an estimator that dies before its last estimate
                 if now is not None and (ended is None or now.code):
                     ended, lingers, deadline = now, time.monotonic() + LINGER, time.monotonic() + PROGRESS_TIMEOUT
@@ -332,19 +333,6 @@ def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
         "-" if math.isnan(friction.low) else mu_c,
         f"{msg.objective * 1e3:.3f}",
     )
-
-
-class _Quiet:
-    """Takes the place of the live display if there is none."""
-
-    def __enter__(self) -> "_Quiet":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def update(self, _: Any) -> None:
-        pass
 
 
 class Keys(contextlib.AbstractContextManager["Keys"]):

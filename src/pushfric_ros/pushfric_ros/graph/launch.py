@@ -14,8 +14,7 @@ from launch_ros.actions import Node
 
 from pushfric_core.errors import PushfricError
 from pushfric_ros.graph.graph import PACKAGE, Launchable, NodeSpec
-from pushfric_ros.graph.scratch import scratch_folder
-from pushfric_ros.graph.supervisor import RESPAWN_DELAY, Ended, Restarts, describe
+from pushfric_ros.graph.supervisor import RESPAWN_DELAY, Ended, Restarts, describe, scratch_folder
 from pushfric_ros.node_kit.executable import PARENT
 from pushfric_ros.node_kit.lock import lock
 from pushfric_ros.node_kit.visit import enclave

@@ -1,15 +1,17 @@
-"""Runs the processes of a node graph: starts them, restarts those that may be restarted, and leaves none behind."""
+"""Runs the processes of a node graph: starts them, restarts those that may be restarted, and leaves none and no file behind."""
 
 import contextlib
 import json
 import os
 import pathlib
 import signal
+import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from ament_index_python.packages import get_package_prefix
@@ -17,9 +19,29 @@ from ament_index_python.packages import get_package_prefix
 from pushfric_ros.graph import fork_server
 from pushfric_ros.graph.fork_server import NodeProcess, ServerGone
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec
-from pushfric_ros.graph.scratch import scratch_folder
 from pushfric_ros.node_kit.lock import lock
 from pushfric_ros.node_kit.visit import enclave
+
+KEEPER = ("/bin/sh", "-c", 'read -r _; rm -rf -- "$1"', "pushfric-scratch")
+"""Command that removes the folder named by its last argument once nobody can write to its input any longer."""
+
+
+@contextlib.contextmanager
+def scratch_folder() -> Iterator[pathlib.Path]:
+    """A temporary folder for the context; it is removed with this process, even if the process is killed."""
+    folder = tempfile.mkdtemp(prefix="pushfric-")
+    keeper = subprocess.Popen(
+        [*KEEPER, folder],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # out of reach of the terminal's Ctrl-C
+    )
+    try:
+        yield pathlib.Path(folder)
+    finally:
+        keeper.communicate()
+
 
 ENDING = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 """The signals that end a process, and how long to wait after each [s]; SIGINT would print a traceback."""

@@ -1,4 +1,4 @@
-"""Subscribes to the topics of a source of bodies."""
+"""Opens a source of bodies, and subscribes to its topics."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -9,14 +9,30 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from pushfric_core.cell.mount import MountConfig
+from pushfric_core.errors import InvalidInput
+from pushfric_core.plugins import SOURCES, plugin
 from pushfric_ros.adapters.body import Body, Source
 from pushfric_ros.messages.qos import NAMED
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Diagnostics
+from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.qos import profile
 
 QUEUE = 500
 """Number of messages that may wait in the queue."""
+
+
+def source_of(node: Node, mount: MountConfig) -> Source:
+    """The source that a node's parameters describe.
+
+    Raises:
+        InvalidInput: there is no such source, or its parameters are wrong.
+    """
+    try:
+        return declare(node, plugin(SOURCES, mount.source)).open_source()
+    except ValueError as error:
+        raise InvalidInput(f"{node.get_fully_qualified_name()}: {error}") from error
 
 
 def follow(

@@ -9,12 +9,28 @@ this module needs the standard library alone.
 import contextlib
 import errno
 import hashlib
+import os
 import re
 import socket
 from collections.abc import Iterator
 
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.node_kit.domain import domain
+
+LAST_DOMAIN = 232
+"""The largest ROS_DOMAIN_ID whose ports exist (RTPS 2.5, 9.6.2.3)."""
+
+
+def domain() -> int:
+    """The ROS domain that the environment names.
+
+    Raises:
+        InvalidInput: it is none.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) <= LAST_DOMAIN):
+        raise InvalidInput(f"ROS_DOMAIN_ID must be a number from 0 to {LAST_DOMAIN}, got {text[:40]!r}")
+    return int(text)
+
 
 LONGEST = 90  # bytes of an address (unix(7) has room for 107), but for its beginning
 

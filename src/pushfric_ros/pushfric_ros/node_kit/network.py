@@ -22,7 +22,7 @@ from rclpy.utilities import get_rmw_implementation_identifier
 
 from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
-from pushfric_ros.node_kit.domain import domain
+from pushfric_ros.node_kit.lock import domain
 
 RCLError = rclpy_implementation.RCLError
 

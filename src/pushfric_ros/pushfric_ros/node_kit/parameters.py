@@ -1,9 +1,10 @@
 """A node's parameters, declared from a frozen dataclass of `pushfric_core.settings.setting` fields."""
 
+import dataclasses
 import math
 import typing
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
@@ -11,8 +12,6 @@ from rclpy.parameter import Parameter
 
 from pushfric_core import settings
 from pushfric_core.errors import InvalidInput
-
-Config = TypeVar("Config")
 
 REQUIRED = "required"
 """Additional constraint of a parameter without a default."""
@@ -24,7 +23,7 @@ EMPTY = {int: Parameter.Type.INTEGER_ARRAY, float: Parameter.Type.DOUBLE_ARRAY, 
 """Type of an empty list of these."""
 
 
-def declare(node: Node, config_class: type[Config]) -> Any:
+def declare(node: Node, config_class: type[Any]) -> Any:
     """Declare every field of a config dataclass as a read-only parameter of `node`; return the config with its values.
 
     For a field that may be None, the text auto stands for None.
@@ -32,7 +31,7 @@ def declare(node: Node, config_class: type[Config]) -> Any:
     Raises:
         InvalidInput: a required parameter is not given, or `pushfric_core.settings.read` refuses the values.
     """
-    fields = settings.fields_of(config_class)
+    fields = dataclasses.fields(config_class)
     if taken := [field.name for field in fields if node.has_parameter(field.name)]:
         raise InvalidInput(f"{node.get_fully_qualified_name()}: {config_class.__name__} repeats the setting {', '.join(taken)}")
     # Of any type at first, so that a wrong value is refused in the same words as in a cell's file.
@@ -56,7 +55,7 @@ def declare(node: Node, config_class: type[Config]) -> Any:
         descriptor = _descriptor(field, hints[field.name])
         descriptor.type = node.get_parameter(field.name).type_.value
         node.set_descriptor(field.name, descriptor)
-    return typing.cast(Config, config)
+    return config
 
 
 def _default(field: Any) -> Any:

@@ -1,7 +1,10 @@
 """A node in a process that is not its own, such as the command line."""
 
+import contextlib
+import signal
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -12,8 +15,27 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
-from pushfric_ros.node_kit.interruption import held_back
 from pushfric_ros.node_kit.network import configured
+
+
+@contextlib.contextmanager
+def held_back() -> Iterator[None]:
+    """Let a SIGINT that comes within the block take effect at its end. Threads other than the main one get none anyway.
+
+    A KeyboardInterrupt in the middle of the conversion of a message would be taken for a failure of the conversion.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    came: list[int] = []
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if came and callable(handler):
+        handler(came[0], None)
+
 
 COMMAND_LINE = "command_line"
 """Last part of the enclave of the commands that watch, stop and reset a running cell."""

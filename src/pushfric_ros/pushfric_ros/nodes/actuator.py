@@ -5,7 +5,7 @@
 Unconfigured, the node does not touch the port. Inactive, it connects to the controller, and again whenever the connection is
 lost, but moves nothing. Active, it accepts goals. It takes the first two steps by itself unless `autostart` is false.
 
-What it may do, and what follows each event, stands in the table `push_states.ACTUATOR`.
+What it may do, and what follows each event, stands in the table `states.ACTUATOR`.
 """
 
 import math
@@ -31,7 +31,18 @@ from pushfric_core.geometry.frames import TABLE
 from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.position_memory import PositionMemory
-from pushfric_core.pushers.push_states import (
+from pushfric_core.pushers.pusher import (
+    POLL_PERIOD,
+    Mode,
+    NotConnected,
+    Pusher,
+    PusherConfig,
+    PusherDriver,
+    PusherError,
+    PusherFault,
+    PusherReport,
+)
+from pushfric_core.pushers.states import (
     ACTUATOR,
     READY,
     UNDER_WAY,
@@ -47,19 +58,8 @@ from pushfric_core.pushers.push_states import (
     Task,
     Way,
     at_first,
+    step,
 )
-from pushfric_core.pushers.pusher import (
-    POLL_PERIOD,
-    Mode,
-    NotConnected,
-    Pusher,
-    PusherConfig,
-    PusherDriver,
-    PusherError,
-    PusherFault,
-    PusherReport,
-)
-from pushfric_core.pushers.state_table import step
 from pushfric_core.pushers.stroke import unevenness
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState

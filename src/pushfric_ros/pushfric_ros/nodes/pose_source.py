@@ -7,11 +7,9 @@ from rclpy.node import Node
 
 from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import FrameConfig, RequiredSubscribersConfig
-from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.frames import TABLE
-from pushfric_core.plugins import SOURCES, plugin
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.bodies import follow
+from pushfric_ros.node_kit.bodies import follow, source_of
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -27,10 +25,7 @@ class PoseSourceNode(Node):
         super().__init__("pose_source", **kwargs)
         prefix = declare(self, FrameConfig).within(self.get_namespace())
         self._mount = declare(self, MountConfig)
-        try:
-            source = declare(self, plugin(SOURCES, self._mount.source)).open_source()
-        except ValueError as error:
-            raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
+        source = source_of(self, self._mount)
         self._poses, self._problem = 0, ""
         topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)

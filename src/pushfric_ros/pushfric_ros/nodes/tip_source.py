@@ -17,10 +17,9 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.geometry.planar import Array, inverse, transform
-from pushfric_core.plugins import SOURCES, plugin
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
-from pushfric_ros.node_kit.bodies import follow
+from pushfric_ros.node_kit.bodies import follow, source_of
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -46,10 +45,7 @@ class TipSourceNode(Node):
         prefix = declare(self, FrameConfig).within(self.get_namespace())
         self._mount, self._config = declare(self, MountConfig), declare(self, TipConfig)
         self._object = load_object(declare(self, ObjectConfig).object)
-        try:
-            source = declare(self, plugin(SOURCES, self._mount.source)).open_source()
-        except ValueError as error:
-            raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
+        source = source_of(self, self._mount)
         self._pose: Any = None  # the object's, when it was last seen
         self._last: tuple[int, Array] | None = None  # stamp [ns] and place [m] of the tip
         self._direction = np.array((1.0, 0.0))

@@ -12,8 +12,8 @@ from std_msgs.msg import Bool
 
 from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.errors import PushfricError
-from pushfric_core.pushers.check import Grade
 from pushfric_core.pushers.grbl import RESET_PATIENCE, Grbl
+from pushfric_core.pushers.pusher import Grade
 from pushfric_core.pushers.serial_checks import check_controller
 from pushfric_core.pushers.serial_pusher import SILENCE
 from pushfric_core.pushers.stroke import OFF_WAY

@@ -14,20 +14,18 @@ from rich.text import Text
 
 from pushfric_core.cell.cell_file import CellConfig, CellFile, load_cell
 from pushfric_core.cell.node_settings import CameraConfig
-from pushfric_core.commands.application import Application
-from pushfric_core.commands.console import console
-from pushfric_core.commands.json_option import STDOUT, JsonOption, write_json
-from pushfric_core.commands.options import RUNS
+from pushfric_core.commands.application import STDOUT, Application
+from pushfric_core.commands.console import console, write_json
+from pushfric_core.commands.options import RUNS, JsonOption
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel, load_object
-from pushfric_core.pushers.check import Check, Grade
+from pushfric_core.pushers.pusher import Check, Grade
 from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, load_camera
 from pushfric_core.vision.frame_source import TOPICS
 from pushfric_ros.commands.doctor.camera import Watched, check_camera, check_exposure, check_stamps, watch
 from pushfric_ros.commands.doctor.discovery import check_discovery, check_multicast
-from pushfric_ros.commands.doctor.interfaces import check_build
-from pushfric_ros.commands.doctor.machine import check_clock, check_disk, check_packages, check_priority, check_ros
+from pushfric_ros.commands.doctor.machine import check_build, check_clock, check_disk, check_packages, check_priority, check_ros
 from pushfric_ros.commands.doctor.scene import check_calibration, check_object, check_plan
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.lock import lock

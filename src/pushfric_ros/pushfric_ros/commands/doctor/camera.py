@@ -11,7 +11,7 @@ import numpy as np
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig
 from pushfric_core.errors import InvalidInput
-from pushfric_core.pushers.check import Check, Grade
+from pushfric_core.pushers.pusher import Check, Grade
 from pushfric_core.vision.camera import Image
 from pushfric_core.vision.edge_fit import MIN_CONTRAST, SATURATED
 from pushfric_core.vision.frame_source import TOPICS, Device

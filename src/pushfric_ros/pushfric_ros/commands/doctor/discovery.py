@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from std_srvs.srv import Trigger
 
-from pushfric_core.pushers.check import Check, Grade
+from pushfric_core.pushers.pusher import Check, Grade
 from pushfric_ros.node_kit.visit import visit
 
 LAST_DOMAIN = 101

@@ -7,8 +7,7 @@ from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.files.plan_file import load_plan
-from pushfric_core.pushers.check import Check, Grade
-from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.pushers.pusher import Check, Grade, PusherConfig
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.sighting import NotSeen, Tracker
 from pushfric_core.vision.tracker_settings import ContourConfig

@@ -14,8 +14,7 @@ from pushfric_ros.node_kit.planner_client import QUESTIONS
 from pushfric_ros.node_kit.process import PATIENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.node_kit.turns import Answer, Refuse, Turns
-from pushfric_ros.nodes.planner.answers import Answers
-from pushfric_ros.nodes.planner.known import Known
+from pushfric_ros.nodes.planner.answers import Answers, Known
 
 
 class PlannerNode(Node):

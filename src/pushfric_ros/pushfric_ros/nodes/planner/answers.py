@@ -3,7 +3,10 @@
 Each push is computed by itself, so the slices make no difference to the numbers.
 """
 
+import math
 from collections.abc import Generator, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +16,8 @@ from pushfric_core.mechanics.prediction import FrictionModel, motion_cone, predi
 from pushfric_core.mechanics.quasi_static import BLOCK
 from pushfric_core.mechanics.strokes import STEP, stroke_steps
 from pushfric_core.trajectories.observation import check_half_width, check_planned_contacts
+from pushfric_msgs.msg import Basis, LimitSurface
+from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import (
     add_cones,
@@ -20,11 +25,45 @@ from pushfric_ros.messages.conversions import (
     add_stability,
     add_strokes,
     contacts_from_msg,
+    friction_model_from_msg,
+    limit_surface_to_msg,
     pushes_from_msg,
     strokes_from_msg,
     turns_from_msg,
 )
-from pushfric_ros.nodes.planner.known import Known
+
+
+@dataclass(frozen=True)
+class Known:
+    """A model and what it rests on; at first nothing."""
+
+    basis: Basis = field(default_factory=Basis)
+    model: FrictionModel | None = None
+    outline: Outline | None = None
+    total_friction: float = math.nan  # [N]
+    why_not: str = "no model has come yet on friction_model: is the estimator running?"
+    wrong: bool = False  # it is not known because the message makes no sense
+
+    @cached_property
+    def limit_surface(self) -> LimitSurface:
+        """The limit surface of the model, which there is; computed when it is first asked for."""
+        assert self.model is not None
+        return limit_surface_to_msg(self.basis, self.total_friction, self.model)
+
+    @classmethod
+    def of(cls, msg: FrictionModelMsg) -> "Known":
+        """The model in a message."""
+        basis = msg.basis
+        if not basis.has_model:
+            reasons = "; ".join(reason.text for reason in basis.reasons)
+            return cls(basis, why_not=reasons or "there is no estimate yet; push the object first")
+        try:
+            model, outline = friction_model_from_msg(msg)
+        except ValueError as error:
+            basis.has_model = False
+            return cls(basis, why_not=f"the message on friction_model is wrong: {error}", wrong=True)
+        return cls(basis, model, outline, msg.total_friction)
+
 
 NUMBERS = 2 * BLOCK
 """Support points times samples times pushes in a slice: some 10 ms of work."""

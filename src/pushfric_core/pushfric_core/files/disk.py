@@ -1,7 +1,8 @@
-"""The one-line error for a file that cannot be read; it names the file once."""
+"""Files: read with an error in one line, and written whole or not at all, however the program ends."""
 
 import contextlib
 import csv
+import os
 import pathlib
 import re
 from collections.abc import Iterator, Mapping
@@ -38,16 +39,6 @@ def text_of(path: pathlib.Path, limit: int) -> str:
     return text
 
 
-LONGEST = 80
-"""Number of characters of a wrong value that are shown."""
-
-
-def shortened(value: object) -> str:
-    """A wrong value for people, on one line of bounded length."""
-    text = repr(value)
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
-
-
 def as_named_here(error: Exception, names: Mapping[str, str]) -> str:
     """An error in the words of the file.
 
@@ -56,3 +47,37 @@ def as_named_here(error: Exception, names: Mapping[str, str]) -> str:
         names: how the file names them.
     """
     return re.sub("|".join(rf"\b{name}\b" for name in names), lambda field: names[field[0]], str(error))
+
+
+def write_whole(path: pathlib.Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, and make its folder; an earlier one of this name is replaced.
+
+    Raises:
+        InvalidInput: the file cannot be written.
+    """
+    make_folder(path.parent)
+    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        try:
+            draft.write_bytes(content.encode() if isinstance(content, str) else content)
+            draft.replace(path)
+        except OSError:
+            draft.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def make_folder(path: pathlib.Path, new: bool = False) -> None:
+    """Make a folder, and those around it.
+
+    Args:
+        path: of the folder.
+        new: it must not exist yet.
+    Raises:
+        InvalidInput: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=not new)
+    except OSError as error:
+        raise InvalidInput(f"{path}: the folder cannot be created: {error.strerror}") from error

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from problems import PROBLEMS, moment
 
+from bench.paper.least_squares import least_squares_fit
 from pushfric_core.errors import UninformativePush
 from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.geometry.planar import Twist
-from pushfric_core.program.least_squares import least_squares_fit
 from pushfric_core.trajectories.observation import Observation
 
 ENDS = np.array(((-0.03, 0.0), (0.03, 0.0)))

@@ -1,0 +1,102 @@
+"""YAML files as records, read by pydantic models: an error is one line, with the file, the key and what was expected there."""
+
+import pathlib
+from typing import Any, TypeVar
+
+import pydantic
+
+from pushfric_core.errors import InvalidInput
+from pushfric_core.files.disk import reading, text_of
+from pushfric_core.files.yaml_text import TEXT_LIMIT, load_yaml
+from pushfric_core.wording import shortened
+
+Model = TypeVar("Model", bound=pydantic.BaseModel)
+
+
+class Strict(pydantic.BaseModel):
+    """A part of a YAML file. It refuses unknown keys, and numbers that are not finite."""
+
+    model_config = pydantic.ConfigDict(frozen=True, allow_inf_nan=False, defer_build=True)  # most runs use one of the models
+
+    @pydantic.model_validator(mode="before")
+    @classmethod
+    def _known_keys(cls, content: Any) -> Any:
+        # pydantic's own check does not say which keys there are
+        unknown = [str(key) for key in content if key not in cls.model_fields] if isinstance(content, dict) else []
+        if unknown:
+            raise ValueError(f"expected any of the keys {', '.join(cls.model_fields)}, got {', '.join(unknown)}")
+        return content
+
+
+def read_yaml(path: pathlib.Path, model: type[Model], content: Any = None) -> Model:
+    """Read a YAML file as a pydantic model.
+
+    Args:
+        path: the file.
+        model: what it should hold.
+        content: of the file, if it has been read already.
+    Raises:
+        InvalidInput: the file cannot be read, is not YAML, or does not fit the model; one line names the file, the field, and
+            what was expected there.
+    """
+    content = yaml_content(path) if content is None else content
+    try:
+        return model.model_validate(content)
+    except pydantic.ValidationError as error:
+        raise InvalidInput(f"{path}: {complaint(error)}") from error
+
+
+def yaml_content(path: pathlib.Path) -> Any:
+    """The content of a YAML file.
+
+    Raises:
+        InvalidInput: the file cannot be read, or is not YAML.
+    """
+    with reading(path):
+        text = text_of(path, TEXT_LIMIT)
+    try:
+        return load_yaml(text)
+    except ValueError as error:
+        raise InvalidInput(f"{path}: not YAML: {error}") from error
+
+
+EXPECTED = {
+    "model_type": "keys with values",
+    "dict_type": "keys with values",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "string_type": "a text, in quotes if it looks like a number",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "finite_number": "a finite number",
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than_equal": "at most {le:g}",
+    "too_short": "a list of at least {min_length}",
+    "too_long": "a list of at most {max_length}",
+    "string_too_short": "a text that is not empty",
+}
+"""Pydantic's types of errors, in words for the author of the file."""
+
+
+def complaint(error: pydantic.ValidationError) -> str:
+    """The first error in what was read, on one line: the path of the key, what was expected there, and what was found."""
+    first = error.errors()[0]
+    kind, got = first["type"], "nothing" if first["input"] is None else shortened(first["input"])
+    where = list(map(str, first["loc"]))
+    if kind == "missing" and isinstance(first["input"], dict):
+        expected, got = "expected a value", f"only {', '.join(map(str, first['input'])) or 'an empty part'}"
+    elif kind == "missing":
+        expected = "expected a longer list"
+        where.pop()  # the index of the missing item
+    elif kind == "value_error":
+        expected = str(first["ctx"]["error"])
+    else:
+        expected = f"expected {EXPECTED[kind].format(**first.get('ctx', {}))}" if kind in EXPECTED else first["msg"]
+    said = f"{'.'.join(where)}: {expected}" if where else expected
+    return said if ", got " in expected else f"{said}, got {got}"
