@@ -22,7 +22,8 @@ from pushfric_core.vision.sighting import NO_OBJECT, UNMEASURED
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
-from pushfric_ros.nodes.tracker import FROZEN_FRAMES, TrackerNode
+from pushfric_ros.nodes.tracker import TrackerNode
+from pushfric_ros.nodes.tracker.watch import FROZEN_FRAMES
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.000625, distortion=(-0.1, 0.02, 0.0, 0.0, 0.0))
 HALF_SIZE = np.array((0.0635, 0.032))
@@ -77,7 +78,7 @@ class Cell:
     def place(self, pose: Pose) -> None:
         """Announce a placement; return once the tracker has it, or will have it before any later frame."""
         self.placements.publish(PoseStamped(pose=pose_to_msg(pose)))
-        self.ros.wait_for(lambda: self.tracker._placement == pytest.approx(pose), what="the placement's arrival")
+        self.ros.wait_for(lambda: self.tracker._watch.placement == pytest.approx(pose), what="the placement's arrival")
 
     def report(self, **expected: str) -> DiagnosticStatus:
         """Wait for diagnostics with the expected values, and return them."""
@@ -169,7 +170,7 @@ def test_an_object_turned_while_no_frame_came_is_seen_as_it_was_to_be_placed(cel
     if late:  # of the messages that wait for a process, those of one topic may come before those of another
         cell.see(turned)
     cell.placements.publish(announced)
-    cell.ros.wait_for(lambda: cell.tracker._placement == pytest.approx(turned), what="the placement's arrival")
+    cell.ros.wait_for(lambda: cell.tracker._watch.placement == pytest.approx(turned), what="the placement's arrival")
     assert_close(cell.see(turned), turned)
     assert_close(cell.see(turned), turned)
 
@@ -247,7 +248,7 @@ def test_the_overlay_shows_the_outline(cell):
     overlays: list[CompressedImage] = []
     subscription = cell.here.create_subscription(CompressedImage, "overlay/compressed", overlays.append, SENSOR_DATA)
     cell.ros.wait_for(
-        lambda: subscription.get_publisher_count() and cell.tracker._overlay_out.get_subscription_count(),
+        lambda: subscription.get_publisher_count() and cell.tracker._drawing.out.get_subscription_count(),
         what="the overlay's subscriber",
     )
     cell.see(TRUTH)

@@ -6,9 +6,6 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from sensor_msgs.msg import CompressedImage
-from sensor_msgs.msg import Image as ImageMsg
-
 from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.camera import Image
@@ -16,15 +13,10 @@ from pushfric_core.vision.frame_source import TOPICS
 from pushfric_core.vision.image_messages import image_from_msg
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.visit import Visit, visit
-from pushfric_ros.nodes.tracker import IMAGE_QUEUE
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE, MESSAGES
 
 FRAME_TIMEOUT = 10.0
 """How long to wait for the next frame of a topic [s]."""
-
-
-def message_type(source: str) -> type[Any]:
-    """The type of the messages of a topic, which is one of `TOPICS`."""
-    return ImageMsg if source == "topic" else CompressedImage
 
 
 class TopicFrames:
@@ -51,7 +43,7 @@ class TopicFrames:
 
     def __enter__(self) -> "TopicFrames":
         self._here = visit("frames", self._namespace)
-        self._here.node.create_subscription(message_type(self._source), TOPICS[self._source], self._take, IMAGE_QUEUE)
+        self._here.node.create_subscription(MESSAGES[self._source], TOPICS[self._source], self._take, IMAGE_QUEUE)
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -17,11 +17,10 @@ from pushfric_core.vision.edge_fit import MIN_CONTRAST, SATURATED
 from pushfric_core.vision.frame_source import TOPICS, Device
 from pushfric_core.vision.image_messages import image_from_msg
 from pushfric_core.wording import counted
-from pushfric_ros.commands.topic_frames import message_type
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.visit import visit
-from pushfric_ros.nodes.tracker import IMAGE_QUEUE
+from pushfric_ros.nodes.tracker import IMAGE_QUEUE, MESSAGES
 
 FRAME_TIMEOUT = 5.0
 """How long to wait for the first frame [s]."""
@@ -109,7 +108,7 @@ def _watch_topic(source: str, namespace: str) -> Watched:
         return subscription.get_publisher_count()
 
     with visit("doctor", namespace) as here:
-        subscription = here.node.create_subscription(message_type(source), TOPICS[source], take, IMAGE_QUEUE)
+        subscription = here.node.create_subscription(MESSAGES[source], TOPICS[source], take, IMAGE_QUEUE)
         deadline = time.monotonic() + FRAME_TIMEOUT
         while len(frames) < FRAMES and not problems and time.monotonic() < deadline:
             here.spin_once(0.1)
