@@ -70,7 +70,8 @@ class TrackerNode(Node):
         self._recording = Recording(self, topics)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
         self.create_subscription(PlanProgress, "plan_progress", self._on_plan, LATCHED)
-        TransformBroadcaster(self, prefix, fixed=True).broadcast(camera_transform(*camera.pose()))
+        self._transforms = TransformBroadcaster(self, prefix, fixed=True)  # late subscribers receive from it, too
+        self._transforms.broadcast(camera_transform(*camera.pose()))
         self._source = TOPICS.get(config.source, config.source)
         self._device: Device | None = None
         if config.source in TOPICS:
