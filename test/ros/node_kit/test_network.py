@@ -1,9 +1,8 @@
 """Who reaches a process, and its memory for images; in processes of their own, because Fast DDS reads its settings once."""
 
-import contextlib
-import fcntl
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -97,38 +96,36 @@ sys.exit(None if answer.done() else "no answer")
     assert (asked.returncode, asked.stderr) == (0, b"")
 
 
-@pytest.fixture
-def contended():
-    """Other processes hold what Fast DDS locks to take one of its ports, as processes that start together do."""
-    with contextlib.ExitStack() as held:
-        for name in (f"/dev/shm/fastrtps_port{number}_el" for number in range(7000, 7200)):
-            with contextlib.suppress(OSError):  # somebody else has it: that contends, too
-                new = not os.path.exists(name)
-                fcntl.flock(held.enter_context(open(name, "a")), fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if new:
-                    held.callback(os.unlink, name)
-        yield
+APART = ["unshare", "--map-root-user", "--mount", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
+"""Runs a program with shared memory of its own."""
 
 
+@pytest.mark.skipif(
+    not shutil.which("unshare") or subprocess.run([*APART, "true"], capture_output=True).returncode != 0,
+    reason="no namespace of mounts of its own",
+)
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("images", [False, True])
 @pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
-def test_what_the_middleware_says_is_not_among_a_programs_output(unset, contended, range_, images):
+def test_what_the_middleware_says_is_not_among_a_programs_output(unset, range_, images):
+    """Something holds what Fast DDS locks to take one of its ports, as do processes that start together."""
     program = f"""
-import select, sys
+import fcntl, sys
 import rclpy
 from pushfric_ros.node_kit.network import configured
 print("its output")
-nodes = []
-while not select.select([sys.stdin], [], [], 0)[0]:  # the first port may be one that somebody just gave back
-    context = rclpy.Context()
-    with configured(images={images}):
-        rclpy.init(context=context)
-        nodes.append(rclpy.create_node("speaks", context=context))
+held = [open(f"/dev/shm/fastrtps_port{{number}}_el", "w") for number in range(7000, 7020)]
+for file in held:
+    fcntl.flock(file, fcntl.LOCK_EX)
+with configured(images={images}):
+    rclpy.init()
+    node = rclpy.create_node("speaks")
+sys.stdin.read()  # a thread of the middleware writes it, some time
 """
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    with subprocess.Popen([sys.executable, "-c", program], env=os.environ | {RANGE: range_}, text=True, **pipes) as speaks:
-        assert any("Failed init_port" in line for line in speaks.stderr)  # a thread of the middleware writes it, some time
+    command = [*APART, sys.executable, "-c", program]
+    with subprocess.Popen(command, env=os.environ | {RANGE: range_}, text=True, **pipes) as speaks:
+        assert any("Failed init_port" in line for line in speaks.stderr)
         said, _ = speaks.communicate()
     assert (speaks.returncode, said) == (0, "its output\n")
 
