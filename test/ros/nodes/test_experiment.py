@@ -8,12 +8,11 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
-from rclpy.time import Time
 from stage import STAGE
 from std_srvs.srv import Trigger
 
 from pushfric_core import TABLE_1, Pose, PushingLine
-from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
+from pushfric_core.bags.samples import pose_from_msg
 from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
 from pushfric_core.geometry.frames import TABLE
@@ -59,7 +58,7 @@ class Table:
         self.wanted: list[Pose] = []
         self.progress: list[PlanProgress] = []
         self.states: list[PusherState] = []
-        self.now = None  # time of the poses [ns]; None: the computer's time
+        self.now = None  # time of the poses [ns]; None: that of the pusher's last report
         self.shown = lambda pose: pose  # what the camera shows of the object
         self._pushed: tuple[int, Pose] | None = None  # the present push, and where the object lay before it
         self.left_out: list[int] = []  # pushes that the estimator was told to exclude
@@ -106,14 +105,11 @@ class Table:
             if self.observed:
                 self._observation_out.publish(Observation(push_id=msg.push_id))
 
-    def _follow(self, now: int) -> None:
+    def _follow(self) -> None:
         """Let the object follow the tip straight on, without turning."""
-        if not self.states or self.states[-1].push_id == PusherState.NO_PUSH:
-            return
-        state, before = self.states[-1], self._pushed[1]
-        # a report may be late: the tip goes on as it said, and no farther than its goal
-        tip = min(state.position + state.speed * (now - stamp_from_msg(state.header.stamp)) * 1e-9, DISTANCE)
-        self.object = before._replace(y=before.y + max(0.0, tip - GAP))
+        if self.states and self.states[-1].push_id != PusherState.NO_PUSH:
+            before = self._pushed[1]
+            self.object = before._replace(y=before.y + max(0.0, self.states[-1].position - GAP))
 
     def _on_progress(self, msg: PlanProgress) -> None:
         self.progress.append(msg)
@@ -124,12 +120,16 @@ class Table:
         self._health_out.publish(DiagnosticArray(status=status))
         if not self.visible:
             return
-        now = self._node.get_clock().now() if self.now is None else Time(nanoseconds=self.now())
-        self._follow(now.nanoseconds)
+        self._follow()
         msg = PoseWithCovarianceStamped()
         msg.pose.pose = pose_to_msg(self.shown(self.object))
         msg.header.frame_id = TABLE
-        msg.header.stamp = now.to_msg()
+        if self.now is not None:
+            msg.header.stamp = stamp_to_msg(self.now())
+        elif self.states:  # as late as the reports: else a busy machine would let the object leap
+            msg.header.stamp = self.states[-1].header.stamp
+        else:
+            msg.header.stamp = self._node.get_clock().now().to_msg()
         self._pose_out.publish(msg)
 
     def wait_for_message(self, text: str, timeout: float = 120.0) -> PlanProgress:
