@@ -103,10 +103,12 @@ def stage(request) -> Iterator[Stage]:
         yield Stage(controller, line)
 
 
-def under_way(stage: Stage, distance: float = FAR, **options) -> Grbl:
+def under_way(stage: Stage, distance: float = FAR, silence: float | None = None, **options) -> Grbl:
+    """A driver in mid-stroke, which allows so much silence from now on."""
     pusher = stage.driver(**options)
     pusher.move_to(distance, SPEED)
     stage.drive(pusher, lambda: stage.controller.position() > 0.01)
+    pusher._silence = silence or pusher._silence
     return pusher
 
 
