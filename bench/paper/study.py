@@ -19,6 +19,7 @@ from bench.paper import spoilt
 from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1, shapes
 from bench.paper.tables import table_of
 from bench.public.zhou2015 import object_on, read_push_points
+from bench.public_pushes import center_off
 from pushfric_core import TABLE_1, Estimate, EstimatorConfig, InvalidInput, Observation
 from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
@@ -151,17 +152,13 @@ def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tupl
     estimate = _estimate(data, points, terms)
     belief = estimate.belief
     covariance = None if belief is None else belief.covariance
-    numbers: Numbers = {"error": _off(estimate.center_of_friction, truth), "given": covariance is not None}
+    error = float(np.hypot(*(estimate.center_of_friction - truth)))
+    numbers: Numbers = {"error": error, "given": covariance is not None}
     if belief is not None and covariance is not None:
-        off = belief.center_of_friction - truth
-        numbers["held"] = bool(off @ np.linalg.solve(covariance, off) <= ELLIPSE)
+        numbers["middle"], square = center_off(belief, truth)
+        numbers["held"] = square <= ELLIPSE
         numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(covariance))))
-        numbers["middle"] = _off(belief.center_of_friction, truth)
     return numbers
-
-
-def _off(center: Array, truth: Array) -> float:
-    return float(np.hypot(*(center - truth)))
 
 
 def _summary(runs: Sequence[Numbers]) -> Numbers:

@@ -103,8 +103,9 @@ def test_what_a_run_without_prompts_awaits_is_printed_once_it_takes_long(monkeyp
     ):
         for message in ("waiting for: tracker", "push 1 of 3: place the object"):
             monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_PLACING, count=3, message=message))
-            for seconds in (0.9, 0.2, 0.2):
-                monitor._tell()
-                wall[0] += seconds * watch.PATIENCE * (message != "waiting for: tracker")
-        monitor._tell()
+            wall[0] += 0.9 * watch.PATIENCE
+            monitor._tell()  # not yet
+        for _ in range(2):
+            wall[0] += 0.2 * watch.PATIENCE
+            monitor._tell()  # once
     assert said.get() == "push 1 of 3: place the object\n"

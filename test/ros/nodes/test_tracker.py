@@ -248,7 +248,7 @@ def test_the_overlay_shows_the_outline(cell):
     overlays: list[CompressedImage] = []
     subscription = cell.here.create_subscription(CompressedImage, "overlay/compressed", overlays.append, SENSOR_DATA)
     cell.ros.wait_for(
-        lambda: subscription.get_publisher_count() and cell.tracker._drawing.out.get_subscription_count(),
+        lambda: subscription.get_publisher_count() and cell.tracker._drawing._out.get_subscription_count(),
         what="the overlay's subscriber",
     )
     cell.see(TRUTH)

@@ -289,7 +289,7 @@ class Monitor:
         for name in ("push", "observations", "p_CF x [mm]", "p_CF y [mm]", "within [mm]", "mu_c", "fit [mm]"):
             table.add_column(escape(name), justify="right")
         for push, msg in self._rows.items():
-            table.add_row(str(push), *_cells(msg))
+            table.add_row(str(push), *[cell or "-" for cell in _cells(msg)])
         silent = self._finished is None and self._plan_leads and self._visit.node.silent("experiment")
         hint = self._hint(-1 if silent else self._phase)
         message = "the experiment does not report" if silent else self._message
@@ -316,12 +316,12 @@ def line_of(msg: FrictionEstimate) -> str:
     """An estimate as a line of text."""
     points, x, y, within, mu_c, error = _cells(msg)
     noun = "observation " if msg.data_points == 1 else "observations"
-    spread, friction = (f", within {within} mm" * (within != "-"), f"  mu_c {mu_c}" * (mu_c != "-"))
+    spread, friction = within and f", within {within} mm", mu_c and f"  mu_c {mu_c}"
     return f"push {msg.pushes:3d}  {points} {noun}  p_CF ({x}, {y}) mm{spread}{friction}  fit error {error} mm"
 
 
 def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
-    """The belief, each figure with a probability of 90 %, and the program's fit error; a dash where nothing is known yet."""
+    """The belief, each figure with a probability of 90 %, and the program's fit error; empty where nothing is known yet."""
     (x, y), friction = center_of_friction_from(msg), msg.contact_friction
     # no wider, or a terminal of 80 columns would break the cells
     mu_c = f"over {friction.low:.2f}" if math.isinf(friction.high) else f"{friction.low:.2f}..{friction.high:.2f}"
@@ -329,8 +329,8 @@ def _cells(msg: FrictionEstimate) -> tuple[str, ...]:
         f"{msg.data_points:3d}",
         f"{x * 1e3:z7.2f}",
         f"{y * 1e3:z7.2f}",
-        "-" if math.isnan(msg.confidence) else f"{msg.confidence * 1e3:.2f}",
-        "-" if math.isnan(friction.low) else mu_c,
+        "" if math.isnan(msg.confidence) else f"{msg.confidence * 1e3:.2f}",
+        "" if math.isnan(friction.low) else mu_c,
         f"{msg.objective * 1e3:.3f}",
     )
 

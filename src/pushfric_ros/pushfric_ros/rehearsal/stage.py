@@ -297,17 +297,13 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.actuator.send_signal(signal.SIGCONT)
         if self.actuator is None or self.actuator.poll() is not None:
             self.start_actuator()
-        for left in reversed(range(TRIES)):
-            self.make_ready()
-            if abs(self.along()) <= self.same:
-                return
+        self.make_ready()
+        if abs(self.along()) > self.same:
             try:
                 self.person.jog(-self.along(), min(5 * self.given.speed, self.limits.max_speed))
             except NoAnswer as error:
-                if not left:
-                    raise EndedEarly(f"the pusher could not be brought back: {error}") from error
-            else:
-                self.wait(lambda: abs(self.along()) <= self.same, "the pusher to be back")
+                raise EndedEarly(f"the pusher could not be brought back: {error}") from error
+            self.wait(lambda: abs(self.along()) <= self.same, "the pusher to be back")
         self.make_ready()
 
     def make_ready(self) -> None:
@@ -404,8 +400,18 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.say(f"the controller may not rest: {error}")
 
     def bring_back(self) -> list[str]:
-        """Leave everything as it was; return what could not be restored."""
-        self.ready()
+        """Leave everything as it was; return what could not be restored.
+
+        Raises:
+            NotRehearsed, EndedEarly: as `ready` does, when it was tried as often as a fault is.
+        """
+        for left in reversed(range(TRIES)):
+            try:
+                self.ready()
+                break
+            except EndedEarly:
+                if not left:
+                    raise
         self._end_processes()
         return []
 

@@ -79,13 +79,12 @@ class Drawing:
         outline: of the object.
         height: of the outline above the table [m].
     Attributes:
-        out: of the overlay.
         ghost: where a person is to place the object now; None: nowhere.
     """
 
     def __init__(self, topics: Diagnostics, camera: Camera, outline: Outline, height: float) -> None:
         self._camera, self._outline, self._height = camera, outline, height
-        self.out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
+        self._out = topics.advertise(CompressedImage, "overlay/compressed", SENSOR_DATA)
         self._time = 0.0  # of the last one, by time.monotonic() [s]
         self.ghost: Pose | None = None
 
@@ -98,7 +97,7 @@ class Drawing:
             watch: it has looked at the frame.
             placed: whether the object lies in place for a push.
         """
-        if not self.out.get_subscription_count() or time.monotonic() - self._time < OVERLAY_PERIOD:
+        if not self._out.get_subscription_count() or time.monotonic() - self._time < OVERLAY_PERIOD:
             return
         self._time = time.monotonic()
         overlay, seen = Overlay(frame, self._camera, self._outline, self._height), watch.sighting
@@ -108,7 +107,7 @@ class Drawing:
         if self.ghost is not None:
             overlay.ghost(self.ghost, seen and seen.pose, placed)
         overlay.say(f"{seen.residual_px:.2f} px" if seen else watch.reason.partition(":")[0])
-        self.out.publish(_jpeg(overlay.picture, stamp))
+        self._out.publish(_jpeg(overlay.picture, stamp))
 
 
 def _jpeg(picture: Image, stamp: int, *options: int) -> CompressedImage:
