@@ -256,13 +256,13 @@ def under_way_without(cell: Cell, controller: SimulatedGrbl, what: str) -> Calla
     if what.startswith("enable"):
         out = cell._other.create_publisher(Bool, "enable", LATCHED)
         timer = cell._other.create_timer(0.05, lambda: out.publish(Bool(data=True)))
-        cell.ros.wait_for(lambda: cell.node._enabled > 0, what="enable")
+        cell.ros.wait_for(lambda: cell.node._needs._enabled > 0, what="enable")
         return lambda: (timer.cancel(), what.endswith("false") and out.publish(Bool(data=False)))
     if what.startswith("force"):
         out, msg = cell._other.create_publisher(WrenchStamped, "wrench", SENSOR_DATA), WrenchStamped()
         msg.wrench.force.x = 2.9
         cell._other.create_timer(0.05, lambda: out.publish(msg))
-        cell.ros.wait_for(lambda: cell.node._forced > 0, what="a force")
+        cell.ros.wait_for(lambda: cell.node._needs._forced > 0, what="a force")
         return lambda: setattr(msg.wrench.force, "y", float(what.split()[1]))
     if what == "tracker":
         return Heartbeat(cell.ros.node("tracker", namespace=cell.node.get_namespace())).end
@@ -441,7 +441,7 @@ def test_a_node_that_a_push_needs_may_have_much_to_do(ros, controller, tmp_path)
     Heartbeat(estimator)
     handle = cell.halfway(controller)
     ros.take_out(estimator)  # nobody spins it now
-    ros.wait_for(lambda: cell.node._life.node("estimator").stalled > 1.0, what="a long callback")
+    ros.wait_for(lambda: cell.node._needs._life.node("estimator").stalled > 1.0, what="a long callback")
     assert cell.node._push is not None
     estimator.destroy_node()
     result = cell.result(handle).result
@@ -601,7 +601,7 @@ def test_after_a_power_cut_at_rest_away_from_zero_nothing_moves(ros, controller,
 def test_a_port_that_appears_later_is_connected(ros, tmp_path, capfd):
     cell = Cell(ros, tmp_path / "port")
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
-    ros.wait_for(lambda: cell.node._told is not None, what="the complaint")
+    ros.wait_for(lambda: cell.node._connection._told is not None, what="the complaint")
     ros.wait_for(cell._client.server_is_ready, what="the action server")
     assert not cell.send().accepted
     with SimulatedGrbl(time.monotonic) as controller:

@@ -15,10 +15,10 @@ PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def main() -> None:
-    """Run the node that the executable or module is named after, NAME_node or NAME.py; with --help, describe it."""
+    """Run the node that the executable NAME_node is named after; with --help, describe it."""
     # One thread for each process, so that estimates are reproducible to the last bit and no update takes long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    name = os.path.basename(sys.argv[0]).removesuffix(".py").removesuffix("_node")
+    name = os.path.basename(sys.argv[0]).removesuffix("_node")
     for number in (signal.SIGINT, signal.SIGTERM):  # `run_node` replaces these handlers
         signal.signal(number, lambda *_: os._exit(0))
     if parent := os.environ.get(PARENT):

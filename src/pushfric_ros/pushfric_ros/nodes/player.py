@@ -23,7 +23,6 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
 from pushfric_ros.messages.qos import Durability
 from pushfric_ros.messages.types import recorded_class
-from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -238,7 +237,3 @@ def _offered(topic: Topic) -> QoSProfile:
 
 def main() -> None:
     run_node(PlayerNode, images=True)
-
-
-if __name__ == "__main__":
-    executable.main()

@@ -22,7 +22,6 @@ from pushfric_core.files.object_file import CAMERA_FILE, OBJECT_FILE, PRIOR_FILE
 from pushfric_core.wording import counted
 from pushfric_ros.messages.qos import NAMED, RELIABLE
 from pushfric_ros.messages.types import definition, message_class, type_hash
-from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.parameters import declare
@@ -201,7 +200,3 @@ def _met_by_all(found: Sequence[QoSProfile]) -> QoSProfile:
 
 def main() -> None:
     run_node(RecorderNode)
-
-
-if __name__ == "__main__":
-    executable.main()

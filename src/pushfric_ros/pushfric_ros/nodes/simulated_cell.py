@@ -39,7 +39,6 @@ from pushfric_core.simulated.serial_controller import SerialController
 from pushfric_core.vision.camera import load_camera
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
-from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -272,7 +271,3 @@ def pushed_object(name: str, contact_friction: float) -> PushedObject:
 
 def main() -> None:
     run_node(SimulatedCellNode, winds_up=True, images=True)
-
-
-if __name__ == "__main__":
-    executable.main()

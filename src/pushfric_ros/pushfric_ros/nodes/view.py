@@ -31,7 +31,6 @@ from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import MODE_NAMES, pose_to_msg, report_from_msg
-from pushfric_ros.node_kit import executable
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import PATIENT, run_node
@@ -248,7 +247,3 @@ def _announced() -> ViewNode:
 
 def main() -> None:
     run_node(_announced, niceness=PATIENT)
-
-
-if __name__ == "__main__":
-    executable.main()
