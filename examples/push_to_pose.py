@@ -29,7 +29,7 @@ from pushfric_core import FrictionModel, Observation, Pose, PushedObject, Pushin
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.geometry.planar import Array, left_of
 from pushfric_core.geometry.table_1 import TABLE_1, TableObject
-from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
+from pushfric_core.trajectories.samples import PoseSample, PusherSample
 from pushfric_msgs.msg import Basis
 from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
 from pushfric_msgs.msg import Observation as ObservationMsg

@@ -13,7 +13,8 @@ from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, even_pushes, placement
 from pushfric_core.geometry.planar import Array, Pose, wrap
 from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1, PoseNoise
-from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, Trajectory
+from pushfric_core.trajectories.samples import PoseSample, PusherSample
+from pushfric_core.trajectories.trajectory import Trajectory
 
 LINE = PushingLine((0.0, 0.0), (0.0, 1.0), 0.003)
 SPEED = 0.02  # [m/s]

@@ -73,12 +73,12 @@ if TYPE_CHECKING:
         named_ellipsoid as named_ellipsoid,
     )
     from pushfric_core.geometry.table_1 import TABLE_1 as TABLE_1
-    from pushfric_core.trajectories.trajectory import (
+    from pushfric_core.trajectories.samples import (
         PoseSample as PoseSample,
         PusherSample as PusherSample,
-        Trajectory as Trajectory,
         TrajectoryConfig as TrajectoryConfig,
     )
+    from pushfric_core.trajectories.trajectory import Trajectory as Trajectory
 
 # isort: on
 
@@ -116,7 +116,8 @@ _MODULES = {  # the same as above: a test compares them
     "geometry.support": ["Support", "SupportForces"],
     "mechanics.surface_models": ["NamedEllipsoid", "Quartic", "convex_quartic", "named_ellipsoid"],
     "geometry.table_1": ["TABLE_1"],
-    "trajectories.trajectory": ["PoseSample", "PusherSample", "Trajectory", "TrajectoryConfig"],
+    "trajectories.samples": ["PoseSample", "PusherSample", "TrajectoryConfig"],
+    "trajectories.trajectory": ["Trajectory"],
 }
 _HOMES = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
 

@@ -26,9 +26,10 @@ from pushfric_core.trajectories.ledger import (
     Ledger,
 )
 from pushfric_core.trajectories.observation_maker import ObservationMaker
+from pushfric_core.trajectories.samples import TrajectoryConfig
 from pushfric_core.trajectories.sensed_force import ForceSample
 from pushfric_core.trajectories.stream import CONFIRMED, LEAP, LONGEST_END_SKEW, Stream
-from pushfric_core.trajectories.trajectory import Trajectory, TrajectoryConfig
+from pushfric_core.trajectories.trajectory import Trajectory
 
 SECOND, DAY = 10**9, 86_400 * 10**9
 PUSHES = 5

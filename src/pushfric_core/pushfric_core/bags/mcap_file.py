@@ -143,7 +143,6 @@ class McapFile:
         self.embedded: BagMetadata | None = None
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
-        self._counts: Counter[int] = Counter()
         self._numbers: dict[int, array[int]] = {}  # of messages, by channel
         self._pieces: list[Piece] = []
         self._listed: dict[int, ChunkIndex] = {}  # by position
@@ -151,7 +150,6 @@ class McapFile:
         self._statistics: Statistics | None = None
         self._unchecked = 0  # messages that no checksum of a chunk covers
         self._holds = False  # whether the checksum over all holds
-        self._redefined: set[str] = set()
         with path.open("rb") as stream:
             size = stream.seek(0, io.SEEK_END)
             end, damage = self._read_summary(stream, size)
@@ -169,7 +167,6 @@ class McapFile:
         self.missing = self._missing_numbers()
         self.start_ns = min((piece.start_ns for piece in self._pieces), default=0)
         self.end_ns = max((piece.end_ns for piece in self._pieces), default=0)
-        self.doubts += [f"{one} is defined twice, in different ways" for one in sorted(self._redefined)]
         if self.gaps and self._unchecked and not self._holds:
             self.doubts.append(f"{counted(self._unchecked, 'message')} may not be what was recorded: no checksum confirms them")
 
@@ -288,9 +285,14 @@ class McapFile:
 
     def _define(self, record: McapRecord | None) -> None:
         if isinstance(record, Schema) and self._schemas.setdefault(record.id, record) != record:
-            self._redefined.add(f"the type {record.name[:80]}")
+            self._note_redefined(f"the type {record.name[:80]}")
         elif isinstance(record, Channel) and self._channels.setdefault(record.id, record) != record:
-            self._redefined.add(f"the topic {record.topic[:80]}")
+            self._note_redefined(f"the topic {record.topic[:80]}")
+
+    def _note_redefined(self, what: str) -> None:
+        doubt = f"{what} is defined twice, in different ways"
+        if doubt not in self.doubts:
+            self.doubts.append(doubt)
 
     def _note(self, chunk: Chunk | None, messages: Sequence[Message], position: int, after: int) -> None:
         """Note the messages of a chunk, or a message outside chunks."""
@@ -310,7 +312,6 @@ class McapFile:
             self.gaps = [gap if gap.before_ns is not None else gap._replace(before_ns=min(times)) for gap in self.gaps]
         self._unchecked += 0 if chunk is not None and chunk.uncompressed_crc else len(messages)
         for message in messages:
-            self._counts[message.channel_id] += 1
             self._numbers.setdefault(message.channel_id, array("I")).append(message.sequence)
 
     def _check_data(self, stream: BinaryIO, position: int, said: int) -> None:
@@ -336,8 +337,13 @@ class McapFile:
         except ValueError as error:
             raise InvalidInput(f"{where} has QoS profiles that are not those of rosbag2: {error}") from error
         hash_text = channel.metadata.get("topic_type_hash", "")
-        count = self._counts[channel.id]
+        count = len(self._numbers.get(channel.id, ()))
         return Topic(channel.topic, schema.name, profiles, hash_text, count, definition_of(schema))
+
+    @property
+    def _counts(self) -> Counter[int]:
+        """Number of messages, by channel."""
+        return Counter({number: len(numbers) for number, numbers in self._numbers.items()})
 
     def _by_topic(self, counts: dict[int, int]) -> Counter[str]:
         found: Counter[str] = Counter()
@@ -362,7 +368,9 @@ class McapFile:
         """The messages of each topic that were numbered and are not there; what else is wrong with the numbers is a doubt."""
         missing: Counter[str] = Counter()
         for name, first in self.first_numbers.items():
-            parts = [self._numbers[number] for number, one in self.topics.items() if one.name == name and self._counts[number]]
+            parts = [
+                self._numbers[number] for number, one in self.topics.items() if one.name == name and number in self._numbers
+            ]
             values = np.concatenate([np.zeros(0, np.int64), *parts]).astype(np.int64)
             if len(parts) > 1:
                 values.sort()  # the types of one topic share their numbers

@@ -39,7 +39,7 @@ from pushfric_core.trajectories.ledger import (
 )
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
-from pushfric_core.trajectories.trajectory import TrajectoryConfig
+from pushfric_core.trajectories.samples import TrajectoryConfig
 
 if TYPE_CHECKING:
     from pushfric_core.bags.bag import Bag

@@ -10,8 +10,8 @@ from pushfric_core.geometry.frames import OBJECT, TABLE, is_frame
 from pushfric_core.geometry.planar import Pose, Twist
 from pushfric_core.plausible import FARTHEST, STRONGEST, check_within
 from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.samples import PoseSample, PusherSample
 from pushfric_core.trajectories.sensed_force import ForceSample
-from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
 
 New = Callable[..., Any]
 """Makes a message, given the name of its type and some of its fields."""

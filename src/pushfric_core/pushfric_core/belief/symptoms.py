@@ -10,8 +10,8 @@ import numpy as np
 from pushfric_core.belief.stretches import at_contacts
 from pushfric_core.geometry.planar import Array, velocity_at
 from pushfric_core.geometry.support import rms_arm
+from pushfric_core.trajectories.following import Apart
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.trajectories.trajectory import Apart
 from pushfric_core.wording import Reason, counted
 
 MAJORITY = 0.5

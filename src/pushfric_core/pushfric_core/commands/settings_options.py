@@ -13,7 +13,7 @@ from pushfric_core.commands.application import in_range
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.settings import AUTO, unit_in, written
-from pushfric_core.trajectories.trajectory import TrajectoryConfig
+from pushfric_core.trajectories.samples import TrajectoryConfig
 
 SECTION = "Settings of the estimator"
 """Section of these options in the help of every command that has them."""

@@ -136,6 +136,11 @@ class EstimatorConfig:
             raise ValueError("tie_break cannot act with the term force, whose scale leaves no ties; leave it to auto")
 
     @property
+    def moments_alone(self) -> bool:
+        """Whether the objective is a sum of moments."""
+        return self.terms == ("moment",) and self.loss is Loss.L1 and math.isinf(self.pull_penalty)
+
+    @property
     def _own(self) -> list[str | Constraint]:
         return [term for term in self.terms if isinstance(term, Constraint) or term not in list(TERMS)]
 
@@ -224,7 +229,6 @@ class Estimator:
         self.outline = outline
         self.config = config = config or EstimatorConfig()
         self._free = free or free_radii(self.support_points, config)
-        self._constraints = config.constraints
         self._columns = len(self.support_points) + config.with_scale
         self._center: Array | None = None
         if center_of_friction is not None:
@@ -235,7 +239,6 @@ class Estimator:
                 raise ValueError("screening asks where p_CF is, but it is given; leave it to auto")
         self._rejects = config.exact and self._center is None and config.screening is not False
         self._size = float(np.ptp(self.support_points, axis=0).max())
-        self._moments_alone = config.terms == ("moment",) and config.loss is Loss.L1 and math.isinf(config.pull_penalty)
         self._kept: set[int] = set()  # pushes that stay in, whatever shows
         self._begin()
 
@@ -328,7 +331,9 @@ class Estimator:
         return self.estimate()
 
     def _append(self, observation: Observation, forces: SupportForces) -> None:
-        self._program.add(stack([constraint.rows(observation, forces) for constraint in self._constraints], self._columns))
+        self._program.add(
+            stack([constraint.rows(observation, forces) for constraint in self.config.constraints], self._columns)
+        )
         self._contacts.append(contact_forces(observation, forces), tip_at(observation))
         self._excitation.add(observation.push_id, observation.contact_point, observation.contact_normal)
         self._listed.append(observation)
@@ -407,7 +412,7 @@ class Estimator:
             self._center is not None,
             self._excitation.lack(pushes),
             self._contacts.tip,
-            solution.objective / data_points if self._moments_alone and data_points else None,
+            solution.objective / data_points if self.config.moments_alone and data_points else None,
             Observations(self._listed, data_points),
             self.rejected,
             self.outline,

@@ -15,7 +15,7 @@ from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.settings import merged, plain, read, setting
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.trajectories.trajectory import TrajectoryConfig
+from pushfric_core.trajectories.samples import TrajectoryConfig
 from pushfric_core.wording import shortened
 
 TOPIC = "estimator_settings"

@@ -126,6 +126,11 @@ class Outline:
         """Length of the outline [m]."""
         return float(self.lengths.sum())
 
+    @cached_property
+    def reach(self) -> float:
+        """Distance of the farthest corner from the origin [m]."""
+        return float(np.hypot(*self.vertices.T).max())
+
     @property
     def lower(self) -> Array:
         """Lower left corner (2,) of the bounding box [m]."""

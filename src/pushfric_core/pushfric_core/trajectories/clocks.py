@@ -12,15 +12,13 @@ import math
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.trajectories.course import RESTS
-
-if TYPE_CHECKING:
-    from pushfric_core.trajectories.trajectory import PoseSample, PusherSample
+from pushfric_core.trajectories.samples import PoseSample, PusherSample
 
 BLOCK = 16
 """Samples of which the second least delay counts: so a single wild stamp does not."""

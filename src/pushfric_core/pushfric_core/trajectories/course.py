@@ -8,16 +8,14 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from pushfric_core.trajectories.ledger import Doubt, DoubtCode
+from pushfric_core.trajectories.samples import PoseSample, PusherSample, TrajectoryConfig
 from pushfric_core.trajectories.stream import LEAP, LONGEST_END_SKEW, NANOSECONDS, Pause, Stream, seconds
 from pushfric_core.wording import counted
-
-if TYPE_CHECKING:
-    from pushfric_core.trajectories.trajectory import PoseSample, PusherSample, TrajectoryConfig
 
 WAY = 0.005
 """A tip that has gone no farther than this [m] while no state came has not pushed yet, or no longer pushes."""

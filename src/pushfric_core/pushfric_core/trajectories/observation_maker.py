@@ -2,10 +2,12 @@
 
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.trajectories.course import Planned
+from pushfric_core.trajectories.following import Apart
 from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Ledger
 from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.samples import PoseSample, PusherSample, TrajectoryConfig
 from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
-from pushfric_core.trajectories.trajectory import Apart, PoseSample, PusherSample, Trajectory, TrajectoryConfig
+from pushfric_core.trajectories.trajectory import Trajectory
 
 
 class ObservationMaker:

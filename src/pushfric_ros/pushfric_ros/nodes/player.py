@@ -80,7 +80,6 @@ class PlayerNode(Node):
         self._clock_period_ns = max(CLOCK_PERIOD_NS, round(SHORTEST_CLOCK_PERIOD_NS * config.rate))
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._paused = config.paused
-        self._done = False
         self._count = 0
         self._next: BagMessage | None = None
         self._anchor(self._begin_ns)
@@ -90,7 +89,7 @@ class PlayerNode(Node):
     @property
     def done(self) -> bool:
         """Whether all is played, and acknowledged by the subscribers that acknowledge messages."""
-        return self._done
+        return self._timer.is_canceled()
 
     def _publisher(self, name: str, kind: type, qos: QoSProfile) -> Publisher:
         """Create the publisher of a topic; rclpy writes the overrides into `qos`."""
@@ -175,7 +174,6 @@ class PlayerNode(Node):
                 return
             self.get_logger().warning("a subscriber did not acknowledge all messages")
         self._timer.cancel()
-        self._done = True
         if self._config.exit_when_done:
             raise SystemExit(0)
 
@@ -211,7 +209,7 @@ class PlayerNode(Node):
             return Health(Level.WARN, f"waiting for subscribers of {', '.join(missing)}", values)
         if late > LATE:
             return Health(Level.WARN, f"cannot keep up: {late:.1f} s late, try a lower rate", values)
-        return Health(Level.OK, "all is played" if self._done else "paused" if self._paused else "playing", values)
+        return Health(Level.OK, "all is played" if self.done else "paused" if self._paused else "playing", values)
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._anchor(self._bag_time())

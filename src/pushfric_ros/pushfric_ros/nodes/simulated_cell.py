@@ -102,7 +102,7 @@ class SimulatedCellNode(Node):
             camera, self._object.outline.vertices, height, self._rng, noise_sigma=config.noise, blur_px=config.blur
         )
         self._info = CameraInfo(**camera.info_fields())
-        self._diagnostics = topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
+        topics = Diagnostics(self, self._health, declare(self, FrameConfig).within(self.get_namespace()))
         self._image_out = topics.advertise(Image, "image_raw", SENSOR_DATA)
         self._info_out = topics.advertise(CameraInfo, "camera_info", SENSOR_DATA)
         self.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)

@@ -8,7 +8,8 @@ from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.pushers.pusher import PusherFault
-from pushfric_core.trajectories.trajectory import PoseSample, Trajectory
+from pushfric_core.trajectories.samples import PoseSample
+from pushfric_core.trajectories.trajectory import Trajectory
 from pushfric_core.vision.sighting import NO_OBJECT
 from pushfric_msgs.msg import PusherState
 
