@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import stat
 import xml.etree.ElementTree as ElementTree
 
@@ -13,10 +14,12 @@ from calls import printed
 from exported import OBJECTS
 
 from pushfric_core import Estimator, InvalidInput, Observation, Twist, export
+from pushfric_core.commands import COMMANDS
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object
 from pushfric_core.formats.body import GRAVITY, MASS, TABLE_FRICTION, TOLERANCE, ExportedBody, few_feet, load_of
+from pushfric_core.formats.export import FORMATS
 
 LOAD = load_of(0.3, 0.25, GRAVITY, None)
 
@@ -40,6 +43,10 @@ def test_a_few_feet_slide_like_the_support(name):
     assert feet.support.center_of_friction == pytest.approx(support.center_of_friction, abs=1e-5)
     assert feet.error.load <= TOLERANCE.load
     assert feet.error.twist <= TOLERANCE.twist
+
+
+def test_the_list_of_commands_names_the_formats_that_there_are():
+    assert set(re.findall(r"\b[A-Z]{3,}\b", COMMANDS["export"])) == {name.upper() for name in FORMATS}
 
 
 def test_sdf_names_are_unique_and_its_friction_is_that_of_the_model():
