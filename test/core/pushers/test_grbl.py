@@ -607,6 +607,23 @@ def test_a_door_that_opens_during_a_stop_asks_a_person(peer):
     assert pusher.doubt == "held at the controller: it reports Door"
 
 
+def test_a_door_that_opens_during_the_reset_of_a_stop_asks_a_person_at_once(peer):
+    """Once, the position counted as known until the reset gave up: by then, a motor without its supply was elsewhere."""
+    pusher = connect(peer)
+    peer.replies[b"$G"] = ""  # behind an open door, it reads no line
+    begin_move(pusher, peer)
+    pusher.stop()
+    peer.status = "<Hold:0|MPos:0.610,0.000,0.000|FS:0,0>"
+    drive(pusher, lambda: b"\x18" in peer.heard, peer)
+    peer.status = IDLE
+    drive(pusher, lambda: b"$G" in peer.heard, peer)
+    assert pusher.doubt is None
+    peer.status = "<Door:0|MPos:0.610,0.000,0.000|FS:0,0|Pn:D>"
+    seen = pusher._axis.statuses
+    drive(pusher, lambda: pusher._axis.statuses > seen + 1, peer)
+    assert pusher.doubt == "held at the controller: it reports Door"
+
+
 def test_a_line_that_fluidnc_kept_is_not_carried_out_after_the_reset(peer):
     """FluidNC 4 executes what it had received; a feed hold makes it refuse that, and a second reset ends the hold."""
     peer.replies |= {b"$I": "[VER:4.0 FluidNC v4:]\r\nok\r\n", JOG[1:-1]: ""}

@@ -386,6 +386,17 @@ def test_a_canceled_push_stops_and_the_next_goes_on_from_there(ros, controller, 
     assert controller.position() == pytest.approx(rest + 0.01, abs=2e-5)
 
 
+def test_a_door_that_opens_while_a_canceled_push_brakes_asks_a_person(ros, controller, tmp_path):
+    """Once, the pusher was ready again as soon as the door was shut, and its driver refused the next push alone."""
+    cell = Cell(ros, tmp_path / "port").ready()
+    handle = cell.halfway(controller)
+    controller._cancel_jog = controller._open_door
+    handle.cancel_goal_async()
+    assert cell.result(handle).status == GoalStatus.STATUS_CANCELED
+    cell.wait_for_mode(PusherState.MODE_ALARM)
+    assert cell.states[-1].in_doubt
+
+
 def test_the_retraction_is_not_a_push(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     cell.result(cell.send(0.04))

@@ -18,6 +18,7 @@ from pushfric_core.pushers.clock import Wakefulness, clock
 from pushfric_core.pushers.pusher import (
     POLL_PERIOD,
     Halted,
+    Held,
     Jumped,
     LeftTheWay,
     Mode,
@@ -329,11 +330,12 @@ class Driver(ABC):
     def _judge(self) -> None:
         """Raise what was heard means for the connection; during a reset, alarms and silence are expected."""
         trouble, self._trouble = self._trouble, None
+        if isinstance(trouble, Halted if Phase.BRAKING in self._state else Held) and self._state & STOPPING:  # it stops anyway
+            self._suspect(str(trouble))
+            trouble = None
         if not self._connected or self._state & {Phase.RESETTING, Phase.RECOVERING}:
             return
-        if isinstance(trouble, Halted) and Phase.BRAKING in self._state:  # it stops anyway
-            self._suspect(str(trouble))
-        elif trouble is not None:
+        if trouble is not None:
             raise trouble
         silent = self._silent
         if Phase.STREAMING in self._state and silent > self._silence:

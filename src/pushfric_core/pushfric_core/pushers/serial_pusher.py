@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pushfric_core.pushers.axis_reports import MM, STATE_MODES, AxisReports, StatusReport, moves
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.driver import Driver, Phase, Role, Script
+from pushfric_core.pushers.driver import STOPPING, Driver, Phase, Role, Script
 from pushfric_core.pushers.pusher import (
     Halted,
     Held,
@@ -234,14 +234,14 @@ class SerialPusher(Driver):
 
     def _hear_of_hold(self, why: str | None) -> None:
         """Take what the controller says it is held by, unless this driver holds it; it counts once."""
-        if self._role is Role.DRIVES and self._state & {Phase.RESTING, Phase.STREAMING, Phase.BRAKING}:
+        if self._role is Role.DRIVES and self._state & {Phase.RESTING, Phase.STREAMING, *STOPPING}:
             before, self._held = self._held, why
             if why is not None and before is None:
                 self._blame(Held(f"held at the controller: {why}"))
 
     def _holding(self, status: StatusReport) -> str | None:
         """The hold that a report shows: the controller does not move, although this driver has not told it so; or None."""
-        own = status.state == "Hold" and Phase.BRAKING in self._state
+        own = status.state == "Hold" and not STOPPING.isdisjoint(self._state)
         if status.state not in STATE_MODES and not own:
             return f"it reports {status.state}"
         for pin, name in INPUTS.items():

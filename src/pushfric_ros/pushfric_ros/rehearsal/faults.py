@@ -538,6 +538,6 @@ FAULTS: tuple[Fault[GrblStage], ...] = (
     Fault("a wrong digit in a report", report_damaged, check=published_nonsense),
     Fault("the doctor looks at a moving controller", looked_at),
     Fault("the controller's door input opens", at_the_controller(b"\x84"), check=waits_for_a_person),
-    Fault("the controller's reset input is pressed", at_the_controller(b"\x18"), check=waits_for_a_person),
+    Fault("the emergency stop is pressed, wired to the reset input", at_the_controller(b"\x18"), check=waits_for_a_person),
 )
 """The rows that the GRBL driver must pass, too."""

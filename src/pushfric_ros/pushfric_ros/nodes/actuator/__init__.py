@@ -117,8 +117,7 @@ class ActuatorNode(LifecycleNode):
     def wind_up(self) -> bool:
         """Stop the pusher, tell the client and publish the state at rest; True once all of this is done."""
         self._start_due = False
-        if Life.ACTIVE in self._state:
-            self._revoke(Event.DEACTIVATE, PusherFault.STOPPED, "the actuator was told to end")
+        self._revoke(Event.DEACTIVATE, PusherFault.STOPPED, "the actuator was told to end")
         if self._push is not None or (self._pusher.busy and self._pusher.mode is not Mode.DISCONNECTED):
             return False
         self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode, stamp=None))
@@ -310,6 +309,7 @@ class ActuatorNode(LifecycleNode):
             return
         if moves:
             self._on(Event.RESTED)
+        self._look_for_doubt()
         if self._start_due and Task.NONE in self._state:
             self._start_due = False
             self.trigger_activate()
@@ -335,7 +335,10 @@ class ActuatorNode(LifecycleNode):
         for doubt in doubts:
             self._on(Event.MISPLACED)
             self.get_logger().error(f"{doubt}: {REMEDIES[self._config.home]}")
-        if self._pusher.mode is Mode.ALARM:
+        self._look_for_doubt()
+
+    def _look_for_doubt(self) -> None:
+        if self._pusher.mode is Mode.ALARM or self._pusher.doubt is not None:
             self._on(Event.UNSURE)
 
     def _fail(self, error: PusherError) -> None:
@@ -348,8 +351,7 @@ class ActuatorNode(LifecycleNode):
             self._lose(Event.LOST)
         else:  # the controller may be silent for a while now
             self._on(Event.FAILED)
-            if self._pusher.mode is Mode.ALARM or self._pusher.doubt is not None:
-                self._on(Event.UNSURE)
+            self._look_for_doubt()
             # the stamp is that of the report: the pusher may have gone on since
             self._publish(self._report._replace(speed=0.0, mode=self._pusher.mode))
 
