@@ -6,7 +6,6 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -17,6 +16,7 @@ from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.geometry.frames import put_prefix
 from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.node_kit.timers import wall_timer
 
 FIRST, PERIOD = 0.1, 1.0
 """Time until a node's first report, and the time between reports that it grows to [s]."""
@@ -98,7 +98,7 @@ class Diagnostics:
         self._counted: dict[str, int] = {}  # number of messages up to the last report
         self._counted_at = time.monotonic()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
-        self._timer = node.create_timer(FIRST, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = wall_timer(node, FIRST, self._on_timer)
 
     @property
     def lost(self) -> int:

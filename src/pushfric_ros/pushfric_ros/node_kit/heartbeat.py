@@ -11,13 +11,13 @@ import time
 from collections import deque
 from typing import Any, NamedTuple
 
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from pushfric_msgs.msg import Heartbeat as HeartbeatMsg
 from pushfric_ros.node_kit.qos import NEWEST, NEWEST_OF_MANY
+from pushfric_ros.node_kit.timers import wall_timer
 
 TOPIC = "heartbeat"
 PERIOD = 0.05  # [s] of real time
@@ -42,7 +42,7 @@ class Heartbeat:
         self._out = node.create_publisher(HeartbeatMsg, TOPIC, NEWEST)
         self._turned = time.monotonic()  # when the executor last did
         self._publishing, self._woken, self._over = threading.Lock(), threading.Event(), False
-        self._timer = node.create_timer(PERIOD, self._turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._timer = wall_timer(node, PERIOD, self._turn)
         self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         self._thread.start()
 

@@ -22,6 +22,7 @@ from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.lock import who_runs
 from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.node_kit.timers import wall_timer
 from pushfric_ros.node_kit.visit import COMMAND_LINE, SERVING_NOTHING, Visit, enclave
 
 ANSWER_TIMEOUT = 5.0
@@ -93,7 +94,7 @@ class Person(contextlib.AbstractContextManager["Person"]):
             NoAnswer: nobody listens to the topic.
         """
         out = self._node.create_publisher(type(message), topic, qos)
-        timer = self._node.create_timer(0.05, lambda: out.publish(message))
+        timer = wall_timer(self._node, 0.05, lambda: out.publish(message))
         try:
             self._wait(out.get_subscription_count, f"nobody listens to {out.topic_name}", seconds)
             yield

@@ -16,7 +16,6 @@ import diagnostic_msgs.msg
 import rcl_interfaces.msg
 import rcl_interfaces.srv
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -29,6 +28,7 @@ from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_ros.node_kit.executor import NodeExecutor
 from pushfric_ros.node_kit.lock import node_lock
 from pushfric_ros.node_kit.network import configured
+from pushfric_ros.node_kit.timers import wall_timer
 
 EXIT_INVALID_INPUT = 2
 
@@ -110,7 +110,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
                 gc.freeze()  # what lasts as long as the node: collections that look at it all take tens of milliseconds
         if executor is not None and node is not None:
             executor.add_node(node)
-            node.create_timer(1.0, turn, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            wall_timer(node, 1.0, turn)
             if winds_up:
                 _spin_until(executor, lambda: bool(asked_to_stop))
                 _spin_until(executor, node.wind_up, WINDING_UP)  # type: ignore[attr-defined]

@@ -22,6 +22,7 @@ from rclpy.waitable import NumberOfEntities, Waitable
 
 from pushfric_core.errors import PushfricError
 from pushfric_ros.node_kit.qos import REQUESTS
+from pushfric_ros.node_kit.timers import wall_timer
 
 TURN = 0.02
 """The executor gets its turn after this long, and one slice [s]."""
@@ -69,7 +70,7 @@ class Turns(Waitable):
         self._calls: deque[_Call] = deque()
         self._more = node.create_guard_condition(self._work)
         node.add_waitable(self)
-        node.create_timer(LOOK, self._look)
+        wall_timer(node, LOOK, self._look)
 
     @property
     def waiting(self) -> int:

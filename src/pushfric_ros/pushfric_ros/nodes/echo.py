@@ -7,6 +7,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from pushfric_ros.node_kit.process import run_node
+from pushfric_ros.node_kit.timers import wall_timer
 
 
 class EchoNode(Node):
@@ -16,7 +17,7 @@ class EchoNode(Node):
         super().__init__(name, **kwargs)
         self.create_service(Trigger, "~/answer", lambda _, response: response)
         # rclpy can miss a signal that comes just before it waits; it looks again after this
-        self.create_timer(0.1, lambda: None)
+        wall_timer(self, 0.1, lambda: None)
         print("ready", flush=True)
 
 

@@ -5,7 +5,6 @@ from collections.abc import Callable, Collection
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
@@ -14,6 +13,7 @@ from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
 from pushfric_ros.node_kit.diagnostics import PERIOD
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE
+from pushfric_ros.node_kit.timers import wall_timer
 from pushfric_ros.node_kit.visit import SERVING_NOTHING
 
 GONE = 3
@@ -53,7 +53,7 @@ class MonitorNode(Node):
         self._clients_of = {service: self.create_client(Trigger, service) for service in services}
         if starts_player:
             self._pause = self.create_client(SetBool, "player/pause")
-            self._look = self.create_timer(LOOK_PERIOD, self._start_player, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self._look = wall_timer(self, LOOK_PERIOD, self._start_player)
 
     def ask(self, service: str, on_answer: Callable[[str], None]) -> None:
         """Call one of the services; what it answers, or that nobody is there, goes to `on_answer`."""

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
@@ -27,6 +26,7 @@ from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import offered, profile
+from pushfric_ros.node_kit.timers import wall_timer
 
 QUEUE_DEPTH = RELIABLE.depth
 FLUSH_PERIOD = 0.5  # of wall time [s]; a crash costs at most the last second, even if a flush is late
@@ -72,10 +72,9 @@ class RecorderNode(Node):
         for topic in known:
             wanted = profile(NAMED[topic.quality])
             self._record(topic.name, topic.type_name, [wanted], wanted)
-        wall = Clock(clock_type=ClockType.STEADY_TIME)
         if config.discover:
-            self.create_timer(0.1, self._discover, clock=wall)
-        self.create_timer(FLUSH_PERIOD, self._flush, clock=wall)
+            wall_timer(self, 0.1, self._discover)
+        wall_timer(self, FLUSH_PERIOD, self._flush)
         self._diagnostics = Diagnostics(self, self._health)
 
     def destroy_node(self) -> None:

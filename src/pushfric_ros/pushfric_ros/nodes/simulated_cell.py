@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMsg
 from sensor_msgs.msg import CameraInfo, Image
@@ -43,6 +42,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.timers import wall_timer
 
 STEPS_PER_FRAME = 4
 """Number of physics steps, and of ticks of /clock, from one frame to the next."""
@@ -123,7 +123,7 @@ class SimulatedCellNode(Node):
         else:
             topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
             period, step = 1 / config.frame_rate, self._follow
-        self.create_timer(period, step, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        wall_timer(self, period, step)
 
     def wind_up(self) -> bool:
         """True once the actuator has left the port: a controller that went first would look like a lost one."""

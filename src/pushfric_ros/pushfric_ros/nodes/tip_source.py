@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from pushfric_core.bags.contents import mcap_file
@@ -25,6 +24,7 @@ from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
+from pushfric_ros.node_kit.timers import wall_timer
 
 if TYPE_CHECKING:
     from pushfric_core.bags.resumption import PushCount
@@ -60,7 +60,7 @@ class TipSourceNode(Node):
         follow(topics, source, self._on_body, self._on_problem)
         if self._before is not None:
             self.get_logger().warning(f"numbers the pushes on from {self._bag}")
-            self._look = self.create_timer(COUNT_PERIOD, self._count_on, clock=Clock(clock_type=ClockType.STEADY_TIME))
+            self._look = wall_timer(self, COUNT_PERIOD, self._count_on)
 
     def _counted(self) -> "PushCount | None":
         """The pushes that a node before this one has numbered; None if this is the first one of the run."""

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.client import Client
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -35,6 +34,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import PATIENT, run_node
 from pushfric_ros.node_kit.qos import LATCHED, LATCHED_QUEUE, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.timers import wall_timer
 
 UNSEEN_PERIOD = 1.0
 """Time between readings of the messages that came while nobody looked [s]."""
@@ -75,7 +75,7 @@ class ViewNode(Node):
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
-        self.create_timer(UNSEEN_PERIOD, self._read, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        wall_timer(self, UNSEEN_PERIOD, self._read)
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
         self._hand_out = self.create_publisher(PoseStamped, "hand", RELIABLE)
         self._switch_out = self.create_publisher(String, "switch", RELIABLE)

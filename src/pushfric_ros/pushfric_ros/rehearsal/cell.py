@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 from pushfric_core.settings import plain
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_msgs.msg import PlanProgress
+from pushfric_msgs.msg import PlanProgress, PusherState
 from pushfric_ros.node_kit.person import NoAnswer, Person
 from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.rehearsal.grbl_stage import GrblStage
@@ -38,7 +38,9 @@ def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":
 
             def far_enough() -> bool:
                 answer()
-                return stage.along() > share * distance or run.poll() is not None
+                # a push that a pause of the computer ended is repeated: only in one that goes on is there anything to stop
+                pushes = bool(stage.states) and stage.states[-1][1].push_id != PusherState.NO_PUSH
+                return (pushes and stage.along() > share * distance) or run.poll() is not None
 
             stage.wait(far_enough, "the push of a cell")
     except NotRehearsed as error:

@@ -16,7 +16,6 @@ from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import Empty
@@ -61,6 +60,7 @@ from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import URGENT, run_node
 from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.node_kit.stop_button import StopButton
+from pushfric_ros.node_kit.timers import cell_timer, wall_timer
 from pushfric_ros.nodes.actuator.connection import Connection
 from pushfric_ros.nodes.actuator.needs import DISK, PushNeeds
 from pushfric_ros.nodes.actuator.reports import StateTopics, UnderWay, impossible
@@ -107,9 +107,9 @@ class ActuatorNode(LifecycleNode):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/stop", self._on_stop)
         self.create_subscription(Empty, "stop", lambda _: self._halt(), RELIABLE)
-        self.create_timer(1 / config.poll_rate, self._ask)
+        cell_timer(self, 1 / config.poll_rate, self._ask)
         # bytes come in real time, whatever the cell's clock
-        self.create_timer(POLL_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        wall_timer(self, POLL_PERIOD, self._poll)
         self._service_change_state.callback = partial(self._change_state, self._service_change_state.callback)
         if self._start_due:
             self.trigger_configure()

@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
-from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -33,6 +33,7 @@ from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED_QUEUE, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
+from pushfric_ros.node_kit.timers import wall_timer
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
 from pushfric_ros.nodes.estimator.estimation import Estimation
 from pushfric_ros.nodes.estimator.publications import Announcements, Publications
@@ -80,7 +81,7 @@ class EstimatorNode(Node):
             if self._settings.with_forces:
                 topics.subscribe(WrenchStamped, "wrench", partial(self._on_input, "wrench"), SENSOR_QUEUE)
         self._rest = Rest(self, lambda: self._now.online.estimate, self._settle)
-        self.create_timer(PROGRESS_PERIOD, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        wall_timer(self, PROGRESS_PERIOD, self._report)
         self._announcements.start(self._now, self._resumption)
         if self._resumption is None:
             self._announcements.settings(self._now)
