@@ -110,7 +110,8 @@ def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
         drag(".handle", (u + 100 * math.cos(wanted.theta), v - 100 * math.sin(wanted.theta)))
         expect(place).to_have_text(re.compile(r"outline: [0-2] mm(, turn . [0-5]°)? to go"))
         x = where[-1].pose.position.x
-        map_.press("ArrowRight")
+        with page.expect_event("requestfinished", lambda request: "/lay/" in request.url):  # it frees its connection
+            map_.press("ArrowRight")
         ros.wait_for(lambda: where[-1].pose.position.x == pytest.approx(x + 0.002, abs=2e-4), PATIENCE, "a key's effect")
         turn = pose_from_msg(where[-1].pose).theta
         map_.press("Shift+ArrowRight")

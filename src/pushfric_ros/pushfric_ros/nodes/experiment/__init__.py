@@ -8,6 +8,7 @@ from typing import Any
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import String
 
@@ -72,7 +73,7 @@ class ExperimentNode(Node):
         topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
         self.create_subscription(String, "pusher_fault", lambda msg: pusher.report_fault(msg.data), LATCHED)
-        self.create_timer(0.05, self._look)
+        self.create_timer(0.02, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))  # simulated time may stand still
         # in a group of its own, because the plan waits in this callback while other callbacks run
         self._start = self.create_timer(0.05, self._carry_out, callback_group=MutuallyExclusiveCallbackGroup())
 
