@@ -276,9 +276,14 @@ def check_command(command: str) -> None:
 def press_stop(arguments: list[str]) -> bool:
     """Stop the pusher of a cell on this machine, before anything else is done; whether its actuator answered."""
     load_from_source()
+    from pushfric_core.errors import InvalidInput, PushfricError
     from pushfric_ros.node_kit.stop_button import press_as_asked
 
-    answer = press_as_asked(arguments)
+    try:
+        answer = press_as_asked(arguments)
+    except PushfricError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2 if isinstance(error, InvalidInput) else 1)
     if answer is not None:
         print(answer)
     return answer is not None
