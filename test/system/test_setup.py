@@ -254,7 +254,7 @@ def test_an_old_python_of_a_sourced_ros_is_named(script, tmp_path, monkeypatch):
     (tmp_path / "python3").write_text("#!/bin/sh\necho 'Unknown option: -P' >&2; exit 2\n")
     (tmp_path / "python3").chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
-    with pytest.raises(script.SetupError, match="the sourced ROS 2's python3: .*: Unknown option: -P"):
+    with pytest.raises(script.SetupError, match=r"the sourced ROS 2's python3: .*: Unknown option: -P"):
         script.check_libraries("estimate", "/opt/ros/jazzy")
 
 

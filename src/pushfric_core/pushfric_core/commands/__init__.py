@@ -12,7 +12,7 @@ SECTIONS = {
         "predict": "Predict where pushes with a point take the object: its twist, whether the tip sticks or slides,"
         " the spread.",
         "stable": "Say which pushes with an edge or two fingers hold the object while they turn it about a centre.",
-        "export": "Write a model for a simulator or a planner: MJCF, SDF, URDF, a Drake directive, JSON or YAML.",
+        "export": "Write a model for a simulator or a planner: MJCF, SDF or JSON.",
         "region": "Say where p_CF can lie, without support points (section 6.2), and which pushes would narrow it down.",
     },
     "Camera": {
