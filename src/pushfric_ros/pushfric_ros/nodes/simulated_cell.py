@@ -223,10 +223,10 @@ class SimulatedCellNode(Node):
         except ValueError as error:
             self.get_logger().error(f"placement ignored: {error}")
             return
-        error = self._config.placement_error
+        off = self._config.placement_error
         x = y = turn = 0.0
-        while math.hypot(x, y) < error:  # never right by chance
-            x, y, turn = self._rng.normal(0.0, error, 3).clip(-2 * error, 2 * error)
+        while math.hypot(x, y) < off:  # never right by chance
+            x, y, turn = self._rng.normal(0.0, off, 3).clip(-2 * off, 2 * off)
         self._present = False
         self._placing = (self._elapsed + self._config.away, Pose(wanted.x + x, wanted.y + y, wanted.theta + turn / 0.02))
 

@@ -17,7 +17,7 @@ HIDDEN = "the object is not seen; let the camera see it, or press Skip to bring 
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
 
 OUTDATED = 1.5
-"""What was seen this long ago is not said to be so now; the page of a run shows no pose that is older [s of wall time]."""
+"""A pose as old as this says nothing of now; the page of a run shows none that is older [s of wall time]."""
 
 PAUSES = {PusherFault.TIME.value, PusherFault.OWNER.value, PusherFault.NODES.value}
 """Why a pusher stopped when a process, this one included, or the controller stood still."""
