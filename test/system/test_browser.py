@@ -639,6 +639,7 @@ def test_a_click_stops_a_push(browser, url, ros):
         expect(page.locator("#answer")).to_contain_text("is repeated")
         ros.wait_for(lambda: states[-1].push_id == pushed + PUSHES, PATIENCE, "the same push again")
         expect(page.locator(f'#rows tr[data-push="{pushed + PUSHES}"]')).to_contain_text(f"{pushed + 1} (again)")
+        expect(page.locator(f'#rows tr[data-push="{pushed + PUSHES}"] + tr')).to_have_attribute("data-push", f"{pushed + 1}")
 
 
 def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
@@ -723,6 +724,7 @@ def test_nothing_that_nodes_say_is_shown_beyond_its_age(browser, running, nodes,
                 expect(row).to_have_class("stale")
                 expect(row).to_contain_text("does not report")
             page.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[nodes])
+            assert violations(page) == {}
             with late as other:
                 if other is not None:
                     for row in rows(other):
