@@ -276,9 +276,14 @@ def check_command(command: str) -> None:
 def press_stop(arguments: list[str]) -> bool:
     """Stop the pusher of a cell on this machine, before anything else is done; whether its actuator answered."""
     load_from_source()
+    from pushfric_core.errors import InvalidInput, PushfricError
     from pushfric_ros.node_kit.stop_button import press_as_asked
 
-    answer = press_as_asked(arguments)
+    try:
+        answer = press_as_asked(arguments)
+    except PushfricError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2 if isinstance(error, InvalidInput) else 1)
     if answer is not None:
         print(answer)
     return answer is not None
@@ -369,6 +374,9 @@ def make_venv(command: str) -> list[pathlib.Path]:
     changed = [file for file in wanted if file not in lacking and stamp(folder, file).read_text() != state(file)]
     starts = own_python_starts()
     if lacking or changed or not starts:
+        if not os.access(BUILT if BUILT.exists() else ROOT, os.W_OK):
+            why = "its requirements have changed, or some are missing" if starts else "its Python does not start for you"
+            raise SetupError(f"the environment of {ROOT} is another user's, and {why}; clone the repository for yourself")
         if starts and pathlib.Path(sys.executable).parents[1].resolve() != VENV.resolve():
             start_again(*sys.argv[1:])
         if not PYTHONS[0] <= sys.version_info[:2] <= PYTHONS[1]:
@@ -548,7 +556,8 @@ def check_libraries(command: str, underlay: str) -> list[pathlib.Path]:
     """
     wanted = [*TOOLS, *requirements(ROOT / command / "requirements.txt" if command in EXTRAS else None)]
     check = ["python3", "-P", ROOT / "src/pushfric_core/pushfric_core/commands/dependencies.py", *wanted]
-    complaint, *folders = subprocess.run(check, check=True, capture_output=True, text=True).stdout.splitlines()
+    said = subprocess.run(check, check=False, capture_output=True, text=True)
+    complaint, *folders = said.stdout.splitlines() or [f"it cannot be asked what is installed: {said.stderr.strip()[-200:]}"]
     if complaint:
         raise SetupError(f"the sourced ROS 2's python3: {complaint}")
     return [folder for folder in map(pathlib.Path, folders) if folder.exists()]

@@ -110,7 +110,8 @@ def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
         drag(".handle", (u + 100 * math.cos(wanted.theta), v - 100 * math.sin(wanted.theta)))
         expect(place).to_have_text(re.compile(r"outline: [0-2] mm(, turn . [0-5]°)? to go"))
         x = where[-1].pose.position.x
-        map_.press("ArrowRight")
+        with page.expect_event("requestfinished", lambda request: "/lay/" in request.url):  # it frees its connection
+            map_.press("ArrowRight")
         ros.wait_for(lambda: where[-1].pose.position.x == pytest.approx(x + 0.002, abs=2e-4), PATIENCE, "a key's effect")
         turn = pose_from_msg(where[-1].pose).theta
         map_.press("Shift+ArrowRight")
@@ -638,6 +639,7 @@ def test_a_click_stops_a_push(browser, url, ros):
         expect(page.locator("#answer")).to_contain_text("is repeated")
         ros.wait_for(lambda: states[-1].push_id == pushed + PUSHES, PATIENCE, "the same push again")
         expect(page.locator(f'#rows tr[data-push="{pushed + PUSHES}"]')).to_contain_text(f"{pushed + 1} (again)")
+        expect(page.locator(f'#rows tr[data-push="{pushed + PUSHES}"] + tr')).to_have_attribute("data-push", f"{pushed + 1}")
 
 
 def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
@@ -722,6 +724,7 @@ def test_nothing_that_nodes_say_is_shown_beyond_its_age(browser, running, nodes,
                 expect(row).to_have_class("stale")
                 expect(row).to_contain_text("does not report")
             page.wait_for_function(f"(of) => !({CLAIMS})(of).length", arg=OF_NOW[nodes])
+            assert violations(page) == {}
             with late as other:
                 if other is not None:
                     for row in rows(other):

@@ -239,6 +239,25 @@ def test_an_environment_whose_python_does_not_start_is_made_again(checkout):
     assert made(checkout) == [sys.executable, "requirements.lock"]
 
 
+def test_an_environment_of_another_user_is_not_made_again(checkout, monkeypatch):
+    """As one that root made with a Python in root's own folder."""
+    made(checkout)
+    monkeypatch.setattr(os, "access", lambda folder, way: (folder, way) != (checkout.BUILT, os.W_OK))
+    assert made(checkout) == []
+    (checkout.VENV / "bin/python3").write_text("#!/bin/sh\nexit 1\n")
+    with pytest.raises(checkout.SetupError, match="is another user's, and its Python does not start for you; clone the"):
+        made(checkout)
+
+
+def test_an_old_python_of_a_sourced_ros_is_named(script, tmp_path, monkeypatch):
+    """It knows no -P."""
+    (tmp_path / "python3").write_text("#!/bin/sh\necho 'Unknown option: -P' >&2; exit 2\n")
+    (tmp_path / "python3").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    with pytest.raises(script.SetupError, match=r"the sourced ROS 2's python3: .*: Unknown option: -P"):
+        script.check_libraries("estimate", "/opt/ros/jazzy")
+
+
 def test_an_environment_that_could_not_be_made_takes_no_ones_place(checkout, monkeypatch):
     made(checkout)
     first = checkout.VENV.resolve()

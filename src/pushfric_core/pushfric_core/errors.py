@@ -16,7 +16,7 @@ class PushfricError(Exception):
         ...     recording = load("no such bag")
         ... except PushfricError as error:
         ...     print(error)
-        no such bag: no such file; expected a bag or a CSV of observations
+        no such bag: no such file; expected a bag, a CSV of observations, a model or an object
     """
 
 
@@ -33,7 +33,7 @@ class InvalidInput(PushfricError):
         ...     recording = load("no such bag")
         ... except InvalidInput as error:
         ...     print(error)
-        no such bag: no such file; expected a bag or a CSV of observations
+        no such bag: no such file; expected a bag, a CSV of observations, a model or an object
     """
 
     def __init__(self, text: str) -> None:

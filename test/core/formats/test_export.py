@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import stat
 import xml.etree.ElementTree as ElementTree
 
@@ -13,7 +12,7 @@ import yaml
 from calls import printed
 from exported import OBJECTS
 
-from pushfric_core import Estimator, InvalidInput, Observation, Twist, export
+from pushfric_core import Estimator, InvalidInput, Observation, Twist, export, load
 from pushfric_core.commands import COMMANDS
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SampleFile, load_model, make_model, save_model
@@ -43,10 +42,6 @@ def test_a_few_feet_slide_like_the_support(name):
     assert feet.support.center_of_friction == pytest.approx(support.center_of_friction, abs=1e-5)
     assert feet.error.load <= TOLERANCE.load
     assert feet.error.twist <= TOLERANCE.twist
-
-
-def test_the_list_of_commands_names_the_formats_that_there_are():
-    assert set(re.findall(r"\b[A-Z]{3,}\b", COMMANDS["export"])) == {name.upper() for name in FORMATS}
 
 
 def test_sdf_names_are_unique_and_its_friction_is_that_of_the_model():
@@ -123,6 +118,11 @@ def model_file(tmp_path):
     return path
 
 
+def test_the_command_promises_the_formats_that_there_are():
+    *names, last = map(str.upper, FORMATS)
+    assert COMMANDS["export"].endswith(f": {', '.join(names)} or {last}.")
+
+
 def test_the_command_writes_the_mean_or_samples(model_file, tmp_path):
     out = tmp_path / "new" / "out"
     printed("export", model_file, "--to", "json", "--mass", 0.3, "--out", out)
@@ -146,6 +146,16 @@ def test_the_command_writes_the_mean_or_samples(model_file, tmp_path):
     model_file.write_text(yaml.safe_dump(content))
     with pytest.raises(InvalidInput, match="has a single sample, not some to draw 12 models from"):
         printed("export", model_file, "--to", "mjcf", "--samples", 12, "--out", out)
+
+
+def test_a_model_that_is_read_back_says_what_it_is_in_a_line(model_file):
+    assert re.fullmatch(
+        r"model of \S+: p_CF \(-?[\d.]+, -?[\d.]+\) mm, from \d+ observations? of \d+ push(es)? in .*", str(load(model_file))
+    )
+    with pytest.raises(
+        InvalidInput, match="nothing: no such file; expected a bag, a CSV of observations, a model or an object"
+    ):
+        load("nothing")
 
 
 def test_a_model_keeps_its_verdict_and_has_the_mode_of_the_umask(model_file):

@@ -19,7 +19,9 @@ from calls import printed
 from PIL import Image
 from tornado.websocket import websocket_connect
 
-from pushfric_core.page.report import in_one_file
+from pushfric_core.bags.bag import Bag
+from pushfric_core.offline.estimation import Choices, estimate_from
+from pushfric_core.page.report import in_one_file, report
 from pushfric_core.page.story import Told
 
 BAG = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
@@ -69,6 +71,20 @@ def test_the_last_pushes_are_predicted_from_those_before(page):
     assert all(median < 1.0 for _, _, median, _, _ in numbers)  # [degree], of a simulated object
     count, within = (sum(row[column] for row in numbers) for column in (1, 4))
     assert 0.8 * count <= within <= count
+
+
+def test_a_repeated_push_has_the_number_that_the_list_of_pushes_gives_it(monkeypatch, tmp_path):
+    read = Bag.deserialize
+
+    def of_a_shorter_plan(bag, message):
+        msg = read(bag, message)
+        if message.topic == "/cell/plan_progress":
+            msg.count = 12
+        return msg
+
+    monkeypatch.setattr(Bag, "deserialize", of_a_shorter_plan)
+    text = report(estimate_from(BAG, Choices(), print, whole_course=True), tmp_path / "report.html")
+    assert [row[0] for row in told(text)["tables"]["predictions"]["rows"]] == ["11", "12", "1 (again)", "2 (again)"]
 
 
 def test_the_page_holds_every_moment_of_the_run(page):

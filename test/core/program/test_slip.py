@@ -11,7 +11,7 @@ from pushfric_core import Estimator, Observation, Touch, Twist, pushed_motion
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.support import FreeRadii, support_forces
 from pushfric_core.mechanics.prediction import Kind
-from pushfric_core.program.contact_friction import Slip, contact_forces, lower_bounds, percentile
+from pushfric_core.program.contact_friction import ContactForces, Slip, contact_forces, lower_bounds, percentile
 
 MU = 0.4
 FEET = four_feet()
@@ -102,6 +102,12 @@ def test_the_bound_is_the_slope_of_the_force_against_the_normal(direction, bound
     push = Observation((0.0, -0.05), (0.0, -1.0), Twist(*direction, 0.0))
     forces = contact_forces(push, support_forces(MIDDLE, push.twist))
     assert lower_bounds(forces, np.ones(1)) == pytest.approx([bound])
+
+
+def test_a_force_along_the_edge_needs_no_finite_friction():
+    """Whatever is left of its normal part by rounding."""
+    forces = ContactForces(np.array([[1e-17], [-1e-17], [1e-9]]), np.ones((3, 1)), np.zeros((3, 1)))
+    assert lower_bounds(forces, np.ones(1)) == pytest.approx([math.inf, math.inf, 1e9])
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.005])

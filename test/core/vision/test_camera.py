@@ -111,6 +111,12 @@ def test_a_lens_without_a_table(tmp_path):
     np.testing.assert_array_equal(lens.over(oblique().H).H, oblique().H)
 
 
+@pytest.mark.parametrize("load", [load_lens, load_camera])
+def test_a_calibration_that_is_missing_is_named_with_the_command_that_makes_it(load, tmp_path):
+    with pytest.raises(InvalidInput, match=r"camera\.yaml: no such file; \./pushfric calibrate makes it"):
+        load(tmp_path / "camera.yaml")
+
+
 @pytest.mark.parametrize("distortion", [D, np.arange(8) / 100])
 def test_camera_info_message_and_back(distortion):
     camera = dataclasses.replace(oblique(), D=distortion)

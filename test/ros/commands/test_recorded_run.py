@@ -2,6 +2,7 @@
 
 import contextlib
 import pathlib
+import shutil
 import time
 import types
 
@@ -12,7 +13,7 @@ from rich.console import Console
 from pushfric_core.bags.bag import Bag
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands import watch
-from pushfric_ros.commands.recorded_run import failures
+from pushfric_ros.commands.recorded_run import failures, write_result
 from pushfric_ros.graph.supervisor import Ended
 
 DEMO = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
@@ -30,7 +31,8 @@ def test_a_run_whose_plan_bag_and_estimate_agree_has_not_failed():
         ("push_id", 77, "no observation came from push 8 (again)"),
     ],
 )
-def test_what_went_wrong_is_in_the_bag(monkeypatch, field, value, said):
+def test_what_went_wrong_is_in_the_bag(monkeypatch, tmp_path, field, value, said):
+    """And in the result once, whoever saw it."""
     read = Bag.deserialize
 
     def changed(bag, message):
@@ -41,6 +43,9 @@ def test_what_went_wrong_is_in_the_bag(monkeypatch, field, value, said):
 
     monkeypatch.setattr(Bag, "deserialize", changed)
     assert failures(DEMO, "/cell")[0] == said
+    bag = shutil.copytree(DEMO, tmp_path / "bag")
+    doubts = [doubt.text for doubt in write_result(bag, [said]).ledger.doubts]
+    assert doubts.count(said) == 1
 
 
 def test_a_bag_without_a_plan_or_no_bag_is_a_failed_run(tmp_path):

@@ -10,7 +10,8 @@ import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from pushfric_core.cell.node_settings import Discovery
-from pushfric_ros.node_kit.network import FILE_VARIABLES, RANGE, VARIABLES, asked_for, configured
+from pushfric_ros.node_kit.network import asked_for, configured
+from pushfric_ros.node_kit.reach import FILE_VARIABLES, RANGE, VARIABLES
 
 pytestmark = pytest.mark.skipif(
     not get_rmw_implementation_identifier().startswith("rmw_fastrtps"), reason="other middlewares have other settings"

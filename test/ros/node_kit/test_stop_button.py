@@ -1,6 +1,9 @@
 """The stop that needs no middleware."""
 
+import fcntl
+import os
 import pathlib
+import socket
 import subprocess
 import sys
 import threading
@@ -8,7 +11,7 @@ import threading
 import pytest
 
 from pushfric_ros.node_kit.lock import lock
-from pushfric_ros.node_kit.stop_button import StopButton, press, press_as_asked
+from pushfric_ros.node_kit.stop_button import StopButton, Unheard, press, press_as_asked
 
 ROOT = pathlib.Path(__file__).parents[3]
 
@@ -32,15 +35,51 @@ def answering():
     button.close()
 
 
+@pytest.fixture
+def nobody(monkeypatch):
+    """A domain without nodes."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", "99")
+    return 99
+
+
 def test_whoever_presses_it_is_answered(answering):
     assert press("cell") == press_as_asked([]) == press_as_asked(["--namespace", "/cell"]) == "stopped"
     assert len(answering) == 3
-    assert press("/other") is press_as_asked(["--help"]) is None
+    assert press_as_asked(["--help"]) is None
 
 
-def test_it_is_that_of_one_domain(answering, monkeypatch):
-    monkeypatch.setenv("ROS_DOMAIN_ID", "99")
+@pytest.mark.parametrize("namespace", ["/cell", "/other"])
+def test_it_is_that_of_one_cell_in_one_domain(answering, namespace, nobody):
+    with pytest.raises(Unheard, match=f"^nobody listens to {namespace}/stop; "):
+        press(namespace)
+    assert not answering
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"), ("ROS_STATIC_PEERS", "10.0.0.1"), ("RMW_IMPLEMENTATION", "rmw_zenoh_cpp")],
+)
+def test_who_may_hear_it_elsewhere_is_sought(nobody, monkeypatch, name, value):
+    monkeypatch.setenv(name, value)
     assert press("/cell") is None
+
+
+def test_a_node_of_any_kind_may_hear_it_in_another_way(nobody):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        port.bind(("127.0.0.1", 7400 + 250 * nobody + 11))
+        assert press("/cell") is None
+
+
+def test_a_node_that_has_only_shared_memory_may_hear_it(nobody):
+    port = pathlib.Path(f"/dev/shm/fastrtps_port{7400 + 250 * nobody + 11}_el")
+    try:
+        with port.open("w") as locked:
+            fcntl.flock(locked, fcntl.LOCK_EX)
+            assert press("/cell") is None
+        with pytest.raises(Unheard):  # the file of a process that was killed
+            press("/cell")
+    finally:
+        port.unlink()
 
 
 def test_who_presses_it_may_be_gone(answering):
@@ -55,6 +94,12 @@ def test_the_command_presses_it_first(answering, command):
     ended = subprocess.run(command, capture_output=True, text=True)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "stopped\n", "")
     assert len(answering) == 1
+
+
+def test_a_domain_that_is_none_is_named():
+    ended = subprocess.run(["./pushfric", "stop"], env=os.environ | {"ROS_DOMAIN_ID": "abc"}, capture_output=True, text=True)
+    said = "error: ROS_DOMAIN_ID must be a number from 0 to 232, got 'abc'\n"
+    assert (ended.returncode, ended.stdout, ended.stderr) == (2, "", said)
 
 
 def test_the_script_needs_the_standard_library_alone():

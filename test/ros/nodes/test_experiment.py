@@ -1,5 +1,6 @@
 """The experiment node with an actuator on a simulated controller; the test plays the operator."""
 
+import itertools
 import re
 import time
 from types import SimpleNamespace
@@ -8,6 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
+from rosgraph_msgs.msg import Clock as ClockMsg
 from stage import STAGE
 from std_srvs.srv import Trigger
 
@@ -530,6 +532,32 @@ def test_a_standstill_of_the_node_counts_as_silence_of_nobody(monkeypatch):
     pusher.excuse(9.5)  # nothing was heard later than now
     clock.monotonic = lambda: 113.5
     assert pusher.forgotten() == "its last report came 3.5 s ago; lost_result is 3 s"
+
+
+def test_a_distance_to_go_is_not_told_for_longer_than_it_is_known(monkeypatch):
+    """Also where a push goes on without a pose for long, as on a busy machine with a simulated cell."""
+    seen, wanted = (
+        SeenObject(TABLE_1["wood_rect4"].outline, PlanConfig(lost_object=10.0)),
+        Pose(AWAY.x + 0.03, AWAY.y, AWAY.theta),
+    )
+    clock = SimpleNamespace(monotonic=lambda: 100.0)
+    monkeypatch.setattr(reports, "time", clock)
+    seen.report(PoseSample(0, AWAY))
+    assert seen.misplaced(wanted, "") == "move it by about 30 mm"
+    clock.monotonic = lambda: 102.0
+    assert (seen.misplaced(wanted, ""), seen.misplaced(wanted, "too dark")) == ("it is not seen", "it is not seen: too dark")
+
+
+def test_the_operator_is_told_of_a_lost_object_though_simulated_time_stands_still(ros, controller, tmp_path):
+    clock = ros.node("clock").create_publisher(ClockMsg, "/clock", RELIABLE)
+    table = Table(ros, tmp_path, use_sim_time=True)
+    table.obedient, table.object = False, Pose(0.5, 0.5, 0.0)
+    now = itertools.count(10**18, 10**8)
+    running = table._node.create_timer(0.02, lambda: clock.publish(ClockMsg(clock=stamp_to_msg(next(now)))))
+    table.wait_for_message("move it by about")
+    running.cancel()
+    table.visible = False
+    table.wait_for_message("it is not seen")
 
 
 def test_a_person_ends_the_run_while_it_is_stopped(ros, controller, tmp_path):

@@ -1,15 +1,19 @@
 """The simulated cell: its clock waits for the actuator, and a person can turn its switches over."""
 
+import math
 import os
 import select
 import types
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
+from pushfric_core.geometry.planar import Pose
 from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes import simulated_cell
@@ -65,6 +69,15 @@ def test_the_clock_does_not_run_ahead_of_the_reports_of_a_moving_pusher(ros, tmp
         assert steps(100) == 100
     finally:
         node.destroy_node()
+
+
+def test_the_object_is_never_laid_right_by_chance(ros, parameters):
+    """A game begins with an object that a person must put right."""
+    node = ros.compose(simulated_cell.SimulatedCellNode(parameter_overrides=overrides(parameters | {"placement_error": 0.03})))
+    for _ in range(200):
+        node._on_placement(PoseStamped(pose=pose_to_msg(Pose(0.0, 0.0, 0.0))))
+        _, laid = node._placing
+        assert 0.03 <= math.hypot(laid.x, laid.y) < 0.09
 
 
 def test_a_person_switches_the_lamp_off_unplugs_the_camera_and_presses_the_emergency_stop(ros, tmp_path, parameters):

@@ -372,7 +372,7 @@ class SimulationConfig:
     away: float = setting(0.3, "how long the operator holds the object out of view when placing it [s]", 0.0, 10.0)
     contact_friction: float = setting(0.3, "mu_c of tip and object, unless the object is one of Table 1", 0.0, 10.0)
     placement_error: float = setting(
-        0.001, "standard deviation of the operator's placement [m]; the angle errs by this over 2 cm", 0.0, 0.1
+        0.001, "standard deviation and least error of the operator's placement [m]; the angle errs by this over 2 cm", 0.0, 0.1
     )
 
     def __post_init__(self) -> None:

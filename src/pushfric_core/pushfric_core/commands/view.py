@@ -31,7 +31,7 @@ def view(
     partial: PartialFlag = False,
     namespace: CellOption = None,
 ) -> None:
-    """Needs no node graph. Ctrl-C ends it; other machines can be given the file that report writes."""
+    """Ctrl-C ends it; other machines can be given the file that report writes."""
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder) / REPORT_FILE
         over = {"done": False, "message": "the run is over"}

@@ -136,6 +136,14 @@ class ModelFile(Strict):
             raise ValueError("expected the weights of belief.samples to have the sum 1")
         return self
 
+    def __str__(self) -> str:
+        """A line: the file itself is long."""
+        x, y = (1e3 * value for value in self.belief.center_of_friction)
+        made = f"{data_of(self.made.data_points, self.made.pushes)} in {self.made.source}"
+        return f"model of {self.object.name}: p_CF ({x:.2f}, {y:.2f}) mm, from {made}"
+
+    __repr__ = __str__
+
     def friction(self) -> FrictionModel:
         """The model that predicts."""
         belief, points = self.belief, np.array(self.object.support.points)

@@ -136,6 +136,8 @@ def load(
         return load_model(path, content)[0]
     if str(path) in TABLE_1 and not path.exists():
         return load_object(str(path))
+    if not path.exists():
+        raise InvalidInput(f"{path}: no such file; expected a bag, a CSV of observations, a model or an object")
     model, _ = object_of(path, os.fspath(object), "object='OBJ.yaml'")
     recorded = Recorded(path, namespace)
     said: list[str] = []

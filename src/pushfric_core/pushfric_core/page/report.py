@@ -26,6 +26,7 @@ from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.batch import last, taken
 from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
+from pushfric_core.estimation.push_plan import number_of
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml
 from pushfric_core.files.object_file import ObjectModel
@@ -82,6 +83,7 @@ def told_again(
     yield begun | {"estimate": with_histogram(estimation.figures(), BoundsReport.of(estimation.result))}, b""
     believed = set(with_belief(estimation.course))
     belief: FrictionModel | None = None  # after the last push, or one of those before
+    planned = 0  # pushes
     ahead = deque(enumerate(zip(estimation.data, estimation.course, strict=True)))
     for name, msg in itertools.chain(_recorded(estimation.source, namespace), [("", None)]):
         stamp = -1 if msg is None or name == FAULT else stamp_from_msg(msg.header.stamp)
@@ -94,8 +96,11 @@ def told_again(
             yield change, b""
         if name == KEYFRAMES:
             yield story.on_picture(stamp, len(msg.data)), bytes(msg.data)
+        elif name == FAULT:
+            yield story.on_fault(msg.data), b""
         elif msg is not None:
-            yield story.on_fault(msg.data) if name == FAULT else story.on_plan(msg), b""
+            planned = msg.count
+            yield story.on_plan(msg), b""
     yield story.on_settings(estimation.settings.to_text()), b""
     files = {"model.yaml": model_of(estimation), "observations.csv": _table_of(estimation), "figure.svg": _drawing(estimation)}
     yield (
@@ -104,7 +109,7 @@ def told_again(
             "files": {name: text for name, text in files.items() if text},
             "data": os.path.relpath(estimation.source.resolve(), file.resolve().parent) if file else "",
             "tables": {
-                "predictions": _predictions(estimation),
+                "predictions": _predictions(estimation, planned),
                 "account": {
                     "heads": ["", *estimation.ledger.sums()],
                     "rows": [*estimation.ledger.rows(), *([f"✗ {line}"] for line in estimation.ledger.lines)],
@@ -183,8 +188,8 @@ def _recorded(source: pathlib.Path, namespace: str | None) -> Iterator[tuple[str
             continue  # the ledger says so
 
 
-def _predictions(estimation: Estimation) -> Change:
-    """The motion of the last pushes, predicted from those before them."""
+def _predictions(estimation: Estimation, planned: int) -> Change:
+    """The motion of the last pushes, predicted from those before them; `planned` pushes were to be made, 0: nobody says."""
     data = list(estimation.estimator.observations)
     pushes = list(dict.fromkeys(one.push_id for one in data))
     tested = pushes[len(pushes) - math.ceil(TESTED * len(pushes)) :]
@@ -205,7 +210,13 @@ def _predictions(estimation: Estimation) -> Change:
     if model.limit is not None:
         text += f" {model.limit[0].upper()}{model.limit[1:]}."
     rows = [
-        [push + 1, len(one.angles), _degrees(one.angles), _degrees(one.spreads), int(np.sum(one.angles <= one.spreads))]
+        [
+            number_of(push, planned),
+            len(one.angles),
+            _degrees(one.angles),
+            _degrees(one.spreads),
+            int(np.sum(one.angles <= one.spreads)),
+        ]
         for push, one in found.items()
     ]
     return {"text": text, "heads": ["push", "observations", "median [°]", "claimed [°]", "within"], "rows": rows}

@@ -24,6 +24,9 @@ MISMATCHES = 2.0
 SURELY = 3.0
 """A push slips only if the tip slides this many times as far as tips usually seem to move across the edge within a push."""
 
+ROUNDING = 1e-12
+"""A part of a force that is smaller than this share of the other is 0: its sign, and what is divided by it, is chance."""
+
 BLOCK = 4096
 """Contacts whose bounds are computed together."""
 
@@ -45,7 +48,7 @@ def contact_forces(observation: Observation, forces: SupportForces) -> ContactFo
 
 
 def lower_bounds(forces: ContactForces, w: Array) -> Array:
-    """tan(eta) = |f . t| / (f . n) of each observation (m,), infinite if f . n <= 0 (eq. 12).
+    """tan(eta) = |f . t| / (f . n) of each observation (m,), infinite if f . n <= 0, up to rounding (eq. 12).
 
     Supports whose force is unknown turn f towards the normal as far as they can, so that the result is still a lower bound.
 
@@ -56,7 +59,7 @@ def lower_bounds(forces: ContactForces, w: Array) -> Array:
     normal, along, free = (_products(part, w) for part in forces)
     along = np.abs(along)
     with np.errstate(divide="ignore", invalid="ignore"):
-        bounds = np.where(normal > 0, along / normal, math.inf)
+        bounds = np.where(normal > ROUNDING * along, along / normal, math.inf)
     if free.any():
         known = np.hypot(along, normal)
         turn = np.where(free < known, np.arcsin(np.minimum(free, known) / np.maximum(known, LEAST_DIVISOR)), math.pi)

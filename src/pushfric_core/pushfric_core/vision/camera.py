@@ -283,7 +283,10 @@ def picture_from(data: npt.NDArray[np.uint8], format_: str) -> Image:
 
 
 def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) -> Loaded:
-    fields = yaml_content(pathlib.Path(path))
+    path = pathlib.Path(path)
+    if not path.exists():
+        raise InvalidInput(f"{path}: no such file; ./pushfric calibrate makes it, and docs/tutorial.md has one for simulations")
+    fields = yaml_content(path)
     if not isinstance(fields, dict):
         raise InvalidInput(f"{path}: expected a camera YAML with image_width, camera_matrix, ..., got {type(fields).__name__}")
     try:

@@ -122,8 +122,10 @@ def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject |
     except DamagedBag as damage:
         estimation = estimate_from(bag, Choices(partial=True), warn, whole_course=True)
         doubts = [*doubts, str(damage)]
+    told = [one.text for one in estimation.ledger.doubts]
     for doubt in doubts:
-        estimation.ledger.doubt(DoubtCode.RUN_FAILED, doubt)
+        if doubt not in told:
+            estimation.ledger.doubt(DoubtCode.RUN_FAILED, doubt)
     write_whole(bag / REPORT_FILE, report(estimation, bag / REPORT_FILE))
     draw(estimation, bag / FIGURE_FILE, known)
     if model := model_of(estimation):

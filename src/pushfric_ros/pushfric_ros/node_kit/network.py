@@ -23,21 +23,12 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.node_kit.lock import domain
+from pushfric_ros.node_kit.reach import FILE_VARIABLES, RANGE, VARIABLES, configured_by_user, stays_on_this_machine
 
 RCLError = rclpy_implementation.RCLError
 
-RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-VARIABLES = (RANGE, "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY")
-"""Environment variables of ROS 2 by which users say whom their nodes may reach; they override a cell's file."""
-
 REFUSALS = ("failed to initialize", "error creating node")
 """Beginnings of rcl's errors if a variable such as ROS_LOG_DIR or ROS_STATIC_PEERS has an impossible value."""
-
-FILE_VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-"""Environment variables that name the file of profiles, before and since Fast DDS 3, which warns about the older one."""
-
-FILES = ("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml")
-"""Files of profiles that Fast DDS takes from the working folder."""
 
 HERE = pathlib.Path(__file__).parent
 NETWORK = HERE / "fastdds.xml"
@@ -113,7 +104,7 @@ def _set(variables: Mapping[str, str | None]) -> None:
 
 def _settings(images: bool) -> Mapping[str, str | None]:
     local = stays_on_this_machine()
-    if not get_rmw_implementation_identifier().startswith("rmw_fastrtps") or _configured_by_user():
+    if not get_rmw_implementation_identifier().startswith("rmw_fastrtps") or configured_by_user():
         return {RANGE: Discovery.LOCALHOST.name} if local else {}
     roomy = images and SHARED_MEMORY.is_dir() and shutil.disk_usage(SHARED_MEMORY).free >= FREE
     if not local:
@@ -121,18 +112,6 @@ def _settings(images: bool) -> Mapping[str, str | None]:
     # with LOCALHOST, ROS 2 would add transports of its own, which are open to every network
     profiles = IMAGES_ON_THIS_MACHINE if roomy else THIS_MACHINE
     return {RANGE: "SYSTEM_DEFAULT", "ROS_LOCALHOST_ONLY": None, _file_variable(): str(profiles)}
-
-
-def stays_on_this_machine() -> bool:
-    """Whether the environment keeps the nodes' messages on this machine."""
-    asked, peers, only = map(os.environ.get, VARIABLES)
-    return only == "1" or (not peers and asked in (None, "", Discovery.LOCALHOST.name))
-
-
-def _configured_by_user() -> bool:
-    if any(name in os.environ for name in (*FILE_VARIABLES, "FASTDDS_BUILTIN_TRANSPORTS")):
-        return True
-    return any(pathlib.Path(name).exists() for name in FILES)
 
 
 def _file_variable() -> str:

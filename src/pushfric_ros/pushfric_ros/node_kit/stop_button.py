@@ -9,7 +9,9 @@ import contextlib
 import socket
 
 from pushfric_core.cell.node_settings import NAMESPACE
-from pushfric_ros.node_kit.lock import address
+from pushfric_core.errors import PushfricError
+from pushfric_ros.node_kit.lock import address, who_runs
+from pushfric_ros.node_kit.reach import nobody_is_there
 
 ANSWER_TIMEOUT = 0.5
 """An actuator that does not answer within this time [s] is stopped by way of the graph."""
@@ -50,11 +52,16 @@ class StopButton:
         self._socket.close()
 
 
+class Unheard(PushfricError):
+    """Nobody can hear a stop."""
+
+
 def press(namespace: str) -> str | None:
     """Press the button of a cell on this machine; return what its actuator answers, or None if nobody answers in time.
 
     Raises:
         InvalidInput: ROS_DOMAIN_ID is not a domain.
+        Unheard: no node of any kind is there that could hear a stop in another way.
     """
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as button:
         button.bind("")  # the kernel chooses an address for the answer
@@ -63,11 +70,17 @@ def press(namespace: str) -> str | None:
             button.sendto(b"!", _address(namespace))
             return button.recv(LONGEST).decode(errors="replace")
         except OSError:
+            if nobody_is_there():
+                raise Unheard(f"nobody listens to /{namespace.strip('/')}/stop; {who_runs()}") from None
             return None
 
 
 def press_as_asked(arguments: list[str]) -> str | None:
-    """Press the button that the arguments of the command `stop` name; None if nobody answers, or if they are not so simple."""
+    """Press the button that the arguments of the command `stop` name; None if nobody answers, or if they are not so simple.
+
+    Raises:
+        InvalidInput, Unheard: as `press`.
+    """
     match arguments:
         case []:
             return press(NAMESPACE)

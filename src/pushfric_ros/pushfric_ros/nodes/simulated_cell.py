@@ -6,6 +6,7 @@ time, and no clock is published.
 
 import array
 import contextlib
+import math
 import os
 import pathlib
 import time
@@ -221,7 +222,10 @@ class SimulatedCellNode(Node):
         except ValueError as error:
             self.get_logger().error(f"placement ignored: {error}")
             return
-        x, y, turn = self._rng.normal(0.0, self._config.placement_error, 3).clip(*self._reach())
+        off = self._config.placement_error
+        x = y = turn = 0.0
+        while math.hypot(x, y) < off:  # never right by chance
+            x, y, turn = self._rng.normal(0.0, off, 3).clip(-2 * off, 2 * off)
         self._present = False
         self._placing = (self._elapsed + self._config.away, Pose(wanted.x + x, wanted.y + y, wanted.theta + turn / 0.02))
 
@@ -239,9 +243,6 @@ class SimulatedCellNode(Node):
         if msg.data in SWITCHES and not (msg.data == "emergency_stop" and self._controller is None):
             self._switched[msg.data] = not self._switched[msg.data]
             self._camera.lit = not self._switched["lamp"]
-
-    def _reach(self) -> tuple[float, float]:
-        return -2 * self._config.placement_error, 2 * self._config.placement_error
 
     def _health(self) -> Health:
         speed = self._elapsed / max(time.monotonic() - self._wall_start, 1e-9)

@@ -207,7 +207,7 @@ export function drawMap(svg, story, trail = []) {
     if (plan.in_place) parts.push(made("text", { class: "there", x: u, y: v + 26, "text-anchor": "middle" }, "✓ in place"));
     else if (pose) {
       parts.push(...arrow([to(pose), [u, v]], "way"));
-      const rows = [...ghost, ...object].map((point) => to(point)[1]), below = Math.max(...rows) + 46; // clear of all arrows
+      const rows = [[0, 0], ...ghost, ...object].map((point) => to(point)[1]), below = Math.max(...rows) + 46; // clear of all arrows
       parts.push(made("text", { class: "way_text", x: u, y: below < height - 44 ? below : Math.min(...rows) - 12, "text-anchor": "middle" }, inWords(distance, turn)));
     }
   }

@@ -77,6 +77,8 @@ export class Run {
 
   #arrange() {
     const [moments, pushes, events, pictures] = KINDS.map((kind) => this.#numbered(`${kind}/`));
+    const count = this.story.plan?.count || Infinity; // a push that is repeated follows its first try
+    pushes.sort((a, b) => (a.n % count) - (b.n % count) || a.n - b.n);
     const rows = new Map(pushes.map((push) => [push.n, Object.assign(push, { moments: [], after: null })]));
     let known = null;
     this.moments = moments.filter((moment) => rows.has(moment.push));

@@ -293,7 +293,7 @@ function drawNumbers(estimate) {
   at("mu_kind").textContent = !mu ? "" : measured ? `${plain(its.interval[0])} to ${plain(its.interval[1])} with 90 %, from ${its.kind}` : "a lower bound (90 % of the observations)";
   unit("fit", estimate ? mm(estimate.objective, 3) : "–", "mm");
   at("certified").textContent = estimate ? `${estimate.status}; certified to ${Number((number(estimate.gap) * 1e3).toPrecision(1))} mm` : "";
-  at("points").textContent = estimate ? counted(estimate.data_points, "observation") : "–";
+  unit("points", estimate ? `${estimate.data_points}` : "–", estimate?.data_points === 1 ? "observation" : "observations");
   at("pushes").textContent = estimate ? `of ${estimate.pushes} ${estimate.pushes === 1 ? "push" : "pushes"}` : "";
 }
 
@@ -456,8 +456,7 @@ function drawEnd() {
   const { doubts, files, data, tables, made } = story;
   if (!tables || ended === tables) return;
   ended = tables;
-  document.querySelectorAll(".doubt").forEach((one) => one.remove());
-  document.querySelector("main").before(...doubts.map((doubt) => Object.assign(worded("p", `✗ ${doubt}`), { className: "doubt" })));
+  at("doubts").replaceChildren(...doubts.map((doubt) => worded("p", `✗ ${doubt}`)));
   const links = Object.entries(files).map(([download, text]) => [download, { download, href: URL.createObjectURL(new Blob([text])) }]);
   if (data) links.push(["recorded data", { href: data }]);
   const buttons = links.flatMap(([name, where]) => [Object.assign(worded("a", name), { className: "button", ...where }), " "]);
@@ -499,7 +498,8 @@ async function lay(pose) {
     const [x, y, theta] = sent, turn = Math.atan2(Math.sin(theta), Math.cos(theta));
     try {
       const headers = token ? { Authorization: `Bearer ${token}` } : {};
-      await fetch(`lay/${[1e4 * x, 1e4 * y, (1800 / Math.PI) * turn].map(Math.round).join("/")}`, { method: "POST", headers });
+      const answered = await fetch(`lay/${[1e4 * x, 1e4 * y, (1800 / Math.PI) * turn].map(Math.round).join("/")}`, { method: "POST", headers });
+      await answered.text(); // an answer that is not read keeps its connection, of which there are six
     } catch {
       break; // the connection is lost, and said to be
     }
@@ -569,7 +569,8 @@ addEventListener("beforeprint", () => {
 });
 addEventListener("afterprint", () => { drawn = []; redraw(); });
 listenForGuess(() => story, redraw);
-for (const button of document.querySelectorAll(".buttons button, #switches button")) button.addEventListener("click", () => ask(button.id));
+for (const button of document.querySelectorAll(".buttons button")) button.addEventListener("click", () => ask(button.id));
+for (const button of SWITCHES) button.addEventListener("click", () => ask(button.id, button.title));
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled || connection === "over") return; // whatever has the focus
   event.preventDefault();

@@ -26,7 +26,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
-from pushfric_ros.node_kit.timers import cell_timer
+from pushfric_ros.node_kit.timers import cell_timer, wall_timer
 from pushfric_ros.nodes.experiment.carrier import Carrier
 from pushfric_ros.nodes.experiment.operator import ALARM_PATIENCE, Choice, Ended, Operator
 from pushfric_ros.nodes.experiment.others import EstimatorAccount, Others
@@ -73,7 +73,7 @@ class ExperimentNode(Node):
         topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, SENSOR_QUEUE)
         self.create_subscription(String, "pusher_fault", lambda msg: pusher.report_fault(msg.data), LATCHED)
-        cell_timer(self, 0.05, self._look)
+        wall_timer(self, 0.02, self._look)  # simulated time may stand still
         # in a group of its own, because the plan waits in this callback while other callbacks run
         self._start = cell_timer(self, 0.05, self._carry_out, MutuallyExclusiveCallbackGroup())
 

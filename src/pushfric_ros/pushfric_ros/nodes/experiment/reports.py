@@ -17,6 +17,9 @@ LET_LIE = "let it lie still"
 HIDDEN = "the object is not seen; let the camera see it, or press Skip to bring the pusher back"
 REMEDY = "check that the camera gives new images, its calibration and time_offset, and line_origin"
 
+OUTDATED = 1.5
+"""A pose as old as this says nothing of now; the page of a run shows none that is older [s of wall time]."""
+
 PAUSES = {PusherFault.TIME.value, PusherFault.OWNER.value, PusherFault.NODES.value}
 """Why a pusher stopped when a process, this one included, or the controller stood still."""
 
@@ -138,14 +141,17 @@ class SeenObject:
 
     @property
     def unseen(self) -> bool:
-        return time.monotonic() - self._seen > self._config.lost_object
+        return self._ago > self._config.lost_object
+
+    @property
+    def _ago(self) -> float:
+        return time.monotonic() - self._seen
 
     @property
     def astray(self) -> str | None:
         """Why a push of it must not go on; None if it may."""
         if self.unseen:
-            ago = time.monotonic() - self._seen
-            return f"the object was not seen for {ago:.2f} s; lost_object is {self._config.lost_object:g} s"
+            return f"the object was not seen for {self._ago:.2f} s; lost_object is {self._config.lost_object:g} s"
         contradiction = self.following.contradiction
         return contradiction and f"{contradiction}; {REMEDY}"
 
@@ -156,7 +162,7 @@ class SeenObject:
             wanted: where it is to lie.
             no_pose: why there are no poses, as the tracker says; empty if there are.
         """
-        if not self.poses or self.unseen:
+        if not self.poses or self.unseen or self._ago > OUTDATED:
             why = "" if no_pose == NO_OBJECT else no_pose  # that needs no explanation
             return why if not self.poses else ": ".join(filter(None, ("it is not seen", why)))
         stamp, last = self.poses[-1]
