@@ -184,6 +184,20 @@ def test_pushes_that_are_missing_are_named_by_every_door(recording, whole, tmp_p
     assert (run.exit_code, said in (tmp_path / "report.html").read_text()) == (1, True)
 
 
+@pytest.mark.parametrize("pushes", [(6, 13), (3, 10)])
+def test_pushes_that_have_changed_their_ids_are_missing(recording, tmp_path, pushes):
+    """The ids of repeated pushes go back, too, but by the number of the plan's."""
+    other = dict(zip(pushes, reversed(pushes), strict=True))
+
+    def change(msg):
+        msg.push_id = other.get(msg.push_id, msg.push_id)
+
+    changed = [recording.changed(m, change) if m.topic == STATE else m for m in recording.messages]
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", changed))
+    said = f"push {pushes[0] + 1} is missing: the ids of the pushes jump"
+    assert said in [one.text for one in reading.ledger.doubts]
+
+
 def test_only_what_is_proven_is_called_whole(recording, tmp_path):
     """Recorded elsewhere, begun late at rest, or with single frames that a camera has dropped: nothing is wrong, nor proven."""
     sentence = "complete as far as the streams can say"

@@ -353,6 +353,12 @@ def of_observations(folder):
     return folder / "bag"
 
 
+def of_another_recorder(folder):
+    """Poses and pusher states alone, without numbers."""
+    recording = Recording(DEMO)
+    return recording.write_elsewhere(folder / "bag", recording.messages)
+
+
 def of_a_model(path):
     """Both products in a saved model, under the names of the JSON of `estimate`; it has neither bounds nor intervals of w."""
     model = load(path)
@@ -400,7 +406,7 @@ def replayed(ros, bag, friction, folder):
     return [plain(report_from_msg(last[FrictionEstimate]).to_dict()), json.loads(line)]
 
 
-@pytest.mark.parametrize("made", [of_a_run, of_observations])
+@pytest.mark.parametrize("made", [of_a_run, of_observations, of_another_recorder])
 def test_every_door_gives_both_products_of_a_bag(ros, tmp_path, made):
     bag = made(tmp_path)
     recording = load(bag)

@@ -97,6 +97,30 @@ sys.exit(None if answer.done() else "no answer")
     assert (asked.returncode, asked.stderr) == (0, b"")
 
 
+def test_processes_of_a_crowd_find_each_other(unset, served):
+    """A planner may have fifty clients; Fast DDS looks for the first few participants of a machine."""
+    crowd = """
+import sys
+import rclpy
+from std_srvs.srv import Trigger
+from pushfric_ros.node_kit.network import configured
+with configured():
+    nodes = []
+    for number in range(40):
+        context = rclpy.Context()
+        context.init()
+        nodes.append(rclpy.create_node(f"of_the_crowd_{number}", context=context, enable_rosout=False))
+client = nodes[-1].create_client(Trigger, "/asked")
+print(flush=True)
+sys.exit(None if client.wait_for_service(timeout_sec=100) else "nobody serves")
+"""
+    with subprocess.Popen([sys.executable, "-c", crowd], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.readline()
+        served()
+        _, said = process.communicate(timeout=200)
+    assert process.returncode == 0, said
+
+
 APART = ["unshare", "--map-root-user", "--mount", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]
 """Runs a program with shared memory of its own."""
 

@@ -394,6 +394,22 @@ def test_requests_of_clients_that_are_gone_are_dropped_and_their_services_end(ro
     ros.wait_for(lambda: own_services(cell) == [], what="the end of their services")
 
 
+def test_an_answer_to_a_client_that_cannot_be_reached_yet_is_kept(ros):
+    cell = Cell(ros)
+    cell.estimate()
+    name, deaf = "planner/predict_push", ros.node("deaf", namespace="/cell")
+    client = deaf.create_client(PredictPush, name, qos_profile=LATCHED)  # the answers do not match its reader
+    ros.wait_for(lambda: cell.planner.count_clients(name), what="the client")
+    client.call_async(push_request())
+    ros.wait_for(lambda: cell.planner._turns.waiting, what="the request")
+    for _ in range(2):
+        assert cell.ask("predict_push", push_request()).success
+    ros.wait_for(lambda: cell.planner._turns.waiting == 1, what="the answer that waits")
+    assert cell.planner._turns.dropped == 0
+    deaf.destroy_client(client)
+    ros.wait_for(lambda: cell.planner._turns.dropped == 1, what="the end of the work")
+
+
 def test_a_model_that_makes_no_sense_answers_nothing(ros):
     cell = Cell(ros)
     out = cell.node.create_publisher(FrictionModel, "friction_model", LATCHED)

@@ -10,7 +10,7 @@ cdef int BISECTIONS
 
 cdef class Contact:
     cdef const double[:, ::1] points, weights
-    cdef double[::1] w, lever, reach, square
+    cdef double[::1] w, lever, reach, square, moment, rise
     cdef Py_ssize_t size
     cdef double x, y, slip, turn, value, by_slip, by_turn, slip_slip, slip_turn, turn_turn, along
 
@@ -23,6 +23,12 @@ cdef void look(Contact contact, int64_t sample, double at_x, double at_y, double
     slowness=double, share=double, growth=double, across_share=double, growth_share=double, j=Py_ssize_t,
 )
 cdef void dissipate(Contact contact, double slip, double turn) noexcept
+
+@cython.locals(
+    lever=double, reach=double, by_turn=double, turn_turn=double, still=double, ahead=double, across=double, slowness=double,
+    share=double, growth=double, growth_share=double, j=Py_ssize_t,
+)
+cdef void turn_only(Contact contact, double turn) noexcept
 
 @cython.locals(low=double, high=double, own=double, turn=double, narrow=double, last=double, following=double, j=Py_ssize_t)
 cdef void stick(Contact contact) noexcept

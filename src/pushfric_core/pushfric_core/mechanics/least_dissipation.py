@@ -44,6 +44,7 @@ class Contact:
         self.points, self.weights = points, weights
         # components of the arms along left(d) and along d, and the squares of their lengths
         self.w, self.lever, self.reach, self.square = np.empty((4, len(points)))
+        self.moment, self.rise = np.empty((2, len(points)))  # shares of the supports in by_turn and turn_turn
         self.size = 0  # number of supports that bear weight
         self.x = self.y = 0.0  # d
         self.slip = self.turn = 0.0
@@ -91,6 +92,24 @@ def dissipate(contact: Contact, slip: float, turn: float) -> None:
     contact.slip_slip, contact.slip_turn, contact.turn_turn = slip_slip, slip_turn, turn_turn
 
 
+def turn_only(contact: Contact, turn: float) -> None:
+    """The derivatives by the turn, at a turn without a slip: the same bits as those of `dissipate`, in half the time."""
+    by_turn = turn_turn = 0.0
+    still = STILL * STILL
+    for j in range(contact.size):  # apart from the sums, so that two supports are computed at once
+        lever, reach = contact.lever[j], contact.reach[j]
+        ahead, across = 1 + turn * lever, turn * reach
+        slowness = 1 / math.sqrt(ahead * ahead + across * across + still)
+        share, growth = contact.w[j] * slowness, ahead * lever + across * reach
+        growth_share = growth * slowness
+        contact.moment[j] = share * growth
+        contact.rise[j] = share * (contact.square[j] - growth_share * growth_share)
+    for j in range(contact.size):
+        by_turn += contact.moment[j]
+        turn_turn += contact.rise[j]
+    contact.by_turn, contact.turn_turn = by_turn, turn_turn
+
+
 def stick(contact: Contact) -> None:
     """Find the turn that dissipates least without a slip, at which no moment about the contact is left.
 
@@ -106,10 +125,10 @@ def stick(contact: Contact) -> None:
         low = high = 0.0  # all the weight at the contact: it does not turn
     turn = (low + high) / 2
     narrow, last = NARROW * (high - low), high - low
-    dissipate(contact, 0.0, turn)
     for _ in range(BISECTIONS):
         if not (last > narrow and high - low > narrow):
-            return
+            break
+        turn_only(contact, turn)
         if contact.by_turn > 0:
             high = turn
         else:
@@ -121,7 +140,7 @@ def stick(contact: Contact) -> None:
         if not (low < following < high and abs(following - turn) <= last / 2):
             following = (low + high) / 2
         last, turn = abs(following - turn), following
-        dissipate(contact, 0.0, turn)
+    dissipate(contact, 0.0, turn)
 
 
 def slide(contact: Contact, steps: int) -> bool:

@@ -8,6 +8,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
+from math import gcd
 from typing import NamedTuple
 
 import numpy as np
@@ -215,7 +216,8 @@ def _missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool)
     """The ids that are missing from those of some pushes, each time with the one before them.
 
     The id of a repeated push grows by the number of the plan's pushes, so that smaller ones follow. Where none follows, and the
-    plan is not known, the repeated push is taken for its last one. An id that comes again begins another run.
+    plan is not known, the repeated push is taken for its last one. An id that comes again begins another run, and so does a
+    smaller one that follows others than repeated pushes.
 
     Args:
         ids: at least one, in order of time.
@@ -229,13 +231,13 @@ def _missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool)
     runs: list[list[int]] = [[begin]]
     seen: set[int] = set()
     for one in ids:
-        if one in seen and one != runs[-1][-1]:
+        smaller, larger = ([i for i in runs[-1] if i < one], [i for i in runs[-1] if i > one])
+        are_repeats = not larger or (smaller and gcd(*(i - smaller[-1] for i in larger)) > one)
+        if not are_repeats or (one in seen and one != runs[-1][-1]):
             runs.append([])
-            seen = set()
+            smaller, seen = [], set()
         seen.add(one)
-        while runs[-1] and runs[-1][-1] >= one:
-            runs[-1].pop()
-        runs[-1].append(one)
+        runs[-1] = [*smaller, one]
     for run in runs:
         for before, after in pairwise(run):
             missing = [one for one in range(before + 1, after) if one not in left_out]

@@ -9,6 +9,7 @@ its own, gets one.
 """
 
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Generator
 from contextlib import ExitStack
@@ -55,7 +56,7 @@ class Turns(Waitable):
     Attributes:
         answered: number of requests that were answered.
         refused: number of those that failed.
-        dropped: number of requests without an answer, as no client was left.
+        dropped: number of requests without an answer, as no client was left, or could be reached in time.
     """
 
     def __init__(self, node: Node, longest: float) -> None:
@@ -105,13 +106,15 @@ class Turns(Waitable):
         begin = time.monotonic()
         while self._calls and time.monotonic() - begin < TURN:
             call = self._calls.popleft()
-            gone = call.service not in self._begin
-            if gone or (time.monotonic() - call.came > PATIENCE and not self._node.count_clients(call.service.service_name)):
+            age = time.monotonic() - call.came
+            gone = call.service not in self._begin or (call.response is not None and age > call.allowed)
+            if gone or (age > PATIENCE and not self._node.count_clients(call.service.service_name)):
                 self.dropped += 1
-            elif (response := self._slice(call)) is None:
+                continue
+            if call.response is None:
+                call = call._replace(response=self._slice(call))
+            if call.response is None or self._respond(call):
                 self._calls.append(call)
-            else:
-                self._respond(call, response)
         if self._calls:
             self._more.trigger()
 
@@ -125,21 +128,22 @@ class Turns(Waitable):
                 raise ValueError(f"more than {SHARE} clients share {name}, and lose answers: each must ask {name}/ITS_OWN_NAME")
             next(call.answer)
         except StopIteration as end:
-            self.answered += 1
             return end.value
         except (ValueError, PushfricError) as error:
-            self.answered += 1
             self.refused += 1
             return call.refuse(str(error))
         return None
 
-    def _respond(self, call: "_Call", response: Any) -> None:
-        try:
-            call.service.send_response(response, call.header)
-        except rclpy_implementation.RCLError:
-            if not self._node.context.ok():
-                return
-            self.dropped += 1  # its client has just gone
+    def _respond(self, call: "_Call") -> bool:
+        """Answer; return whether to try again, as the middleware may not know yet how to reach a client."""
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            try:
+                call.service.send_response(call.response, call.header)
+            except rclpy_implementation.RCLError:
+                return self._node.context.ok()
+        self.answered += not warned
+        return bool(warned)
 
     # What the executor asks of a waitable from here on; the services are waited for here instead of one by one.
 
@@ -186,6 +190,7 @@ class _Call(NamedTuple):
     clients: int  # of the service
     answer: Answer
     refuse: Refuse
+    response: Any = None  # that could not be sent yet
 
 
 class _TakenHere(CallbackGroup):
