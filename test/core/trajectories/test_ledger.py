@@ -207,6 +207,20 @@ def test_a_stream_that_stops_half_way_is_a_doubt(stopped):
     assert other.ended[(NOT_SEEN, NO_PARTNER)[stopped]] > COUNT / 3
 
 
+@pytest.mark.parametrize("first", [0, 12])
+def test_a_pose_that_stays_the_same_in_a_push_is_a_doubt(first):
+    """A tracker that stood still and published its last pose with new stamps cost observations without a word."""
+    poses, states = streams(wrenches=False)
+    frozen = [
+        sample._replace(pose=poses[first].pose) if first <= number < 25 else sample for number, sample in enumerate(poses)
+    ]
+    found, ledger = of(by_time([frozen, states]), forces=False)
+    assert len(found) < len(of(by_time([poses, states]), forces=False)[0])
+    (doubt,) = ledger.doubts
+    assert doubt.code == DoubtCode.POSES_FROZEN
+    assert poses[first].stamp <= doubt.stamp < poses[25].stamp
+
+
 def test_what_is_held_at_the_end_waits_unless_it_is_wild():
     for ahead, reason in ((0.6, WAITING), (86_400, AHEAD)):
         trajectory = Trajectory(BAR)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import Pose, rotation, transform, wrap
+from pushfric_core.geometry.planar import Array, Pose, rotation, transform, wrap
 from pushfric_core.trajectories.samples import PoseSample
 from pushfric_core.trajectories.stream import NANOSECONDS
 
@@ -23,6 +23,9 @@ LEAPS = 5.0
 
 APART_SHARE = 0.2
 """If the tip seems not to touch the object in less than this share of the pushes, single late stamps may be the cause."""
+
+FROZEN = 0.005
+"""A pose that stays the same to the last bit while the tip of a push goes farther than this [m] is no news of the object."""
 
 FOLLOWED = 0.005
 """An object whose contact has moved inward by this much [m] is pushed, whether or not the tip seems to touch it."""
@@ -72,6 +75,7 @@ class Following:
         rest: is forgotten at each new push.
     Attributes:
         contradiction: how the poses contradict the newest push, in words; None if the object was seen to follow the tip.
+        frozen: since when the object was seen in one pose although the tip went on, and until when [ns].
     """
 
     def __init__(self, outline: Outline, tolerance: float, rest: Rest) -> None:
@@ -85,6 +89,8 @@ class Following:
         self._apart_in: int | None = None  # the newest of them
         self._newest: int | None = None  # the newest push
         self._pushes = 0
+        self.frozen: dict[int, int] = {}
+        self._same = (-1, np.zeros(2))  # since when it is seen in one pose [ns], and where the tip was then
 
     @property
     def apart(self) -> Apart | None:
@@ -101,6 +107,13 @@ class Following:
         """A frame of this push comes."""
         self._pushes += push_id != self._newest
         self._newest = push_id
+
+    def look(self, sample: PoseSample, tip: Array, near: bool) -> None:
+        """Note whether the object is seen in the same pose as before, while the tip (2,) [m] near it goes on."""
+        if self._before is None or sample.pose != self._before.pose or not near:
+            self._same = sample.stamp, tip
+        elif np.hypot(*(tip - self._same[1])) > FROZEN:
+            self.frozen[self._same[0]] = sample.stamp
 
     def touches(self) -> None:
         """The tip touches the object."""

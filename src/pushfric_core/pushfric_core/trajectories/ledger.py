@@ -67,6 +67,7 @@ class DoubtCode(StrEnum):
     # the streams of poses and pusher states
     POSES_MISSING = auto()
     POSES_DROPPED = auto()
+    POSES_FROZEN = auto()
     STATES_MISSING = auto()
     BOTH_MISSING = auto()
     CLOCKS_STEP = auto()

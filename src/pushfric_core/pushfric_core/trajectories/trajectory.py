@@ -35,7 +35,7 @@ from pushfric_core.trajectories.ledger import (
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.run import STEADY, Run
 from pushfric_core.trajectories.samples import Frame, PoseSample, PusherSample, TrajectoryConfig
-from pushfric_core.trajectories.stream import NANOSECONDS, Stream
+from pushfric_core.trajectories.stream import NANOSECONDS, Stream, seconds
 
 REMEMBERED = 10_000
 """Number of pusher states kept while no frame comes, and of frames while no pusher state comes."""
@@ -119,6 +119,9 @@ class Trajectory:
             states.end(self._fate_of(state, number < self._partners, math.inf))
         for doubt in self._course.doubts(self._poses, self._states, self.config, planned, numbered, ended):
             ledger.doubt(*doubt)
+        for since, until in self._following.frozen.items():
+            text = f"poses stayed the same to the last bit for {seconds(until - since)} of a push: the tracker stood still"
+            ledger.doubt(DoubtCode.POSES_FROZEN, text, since)
         if (step := self._clocks.step) is not None:
             late = "later" if step.size > 0 else "earlier"
             text = f"the clocks step: from here on, poses are stamped {abs(step.size):.3f} s {late} against the pusher states"
@@ -230,6 +233,7 @@ class Trajectory:
             touch = before.line.touch(self.outline, sample.pose)
             depth, mean = -math.inf if touch is None else position - touch.distance, after.position - before.position
         mean = mean * NANOSECONDS / (after.stamp - before.stamp)
+        self._following.look(sample, tip, depth >= -self.config.contact_tolerance)
         if self._following.leaps(sample, max(abs(before.speed), abs(after.speed), abs(mean))):
             return None
         self._following.compare(sample, depth)
