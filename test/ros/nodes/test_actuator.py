@@ -26,6 +26,7 @@ from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
+from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import Mode
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
@@ -384,6 +385,25 @@ def test_a_canceled_push_stops_and_the_next_goes_on_from_there(ros, controller, 
     cell.wait_for_mode(IDLE)
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
     assert controller.position() == pytest.approx(rest + 0.01, abs=2e-5)
+
+
+def test_a_goal_that_is_disabled_as_it_is_accepted_ends_and_the_next_is_taken(ros, controller, tmp_path):
+    """Once, nobody was told, and every later push was refused because this one was under way."""
+    cell = Cell(ros, tmp_path / "port", enable_timeout=60.0)
+    cell.node._needs._enabled = clock()
+    cell.ready()
+    refusal = cell.node._refusal
+
+    def withdrawn(push):
+        reason, cell.node._needs._enabled = refusal(push), -math.inf
+        return reason
+
+    cell.node._refusal = withdrawn
+    result = cell.result(cell.send(0.01)).result
+    assert (result.outcome, result.message) == (Push.Result.OUTCOME_ABORTED, "the topic enable does not say true")
+    assert result.travelled == 0
+    cell.node._needs._enabled, cell.node._refusal = clock(), refusal
+    assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
 
 
 def test_a_door_that_opens_while_a_canceled_push_brakes_asks_a_person(ros, controller, tmp_path):

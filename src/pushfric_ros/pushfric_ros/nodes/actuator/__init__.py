@@ -443,7 +443,9 @@ class ActuatorNode(LifecycleNode):
             self.get_logger().warning(f"push {push.push_id} is slower than asked: the controller allows {fastest:.4f} m/s")
         self._problem, self._fault = None, PusherFault.NONE
         self._push = UnderWay(goal, clock(), self._report.position)
-        self._on(Event.GOAL)
+        if not self._on(Event.GOAL):  # to answer takes a moment, in which the enable may have been withdrawn
+            self._push.why = self._needs.disabled or "the pusher is no longer ready"
+            self._push.conclude(self._report.position)
         self._connection.keep(math.nan)
         goal.execute()
 
