@@ -161,7 +161,8 @@ class Person(contextlib.AbstractContextManager["Person"]):
             goal = Push.Goal(push_id=PusherState.NO_PUSH, distance=distance, speed=speed)
             handle = self._future(client.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned))), "no answer to the jog")
             if not handle.accepted:
-                raise NoAnswer(f"the actuator refuses: {self.health()['message']}")
+                self._health.clear()  # those from before do not know of it
+                raise NoAnswer(f"the actuator refuses: {self.health()['last refusal']}")
             seconds = abs(distance) / speed * 4 + ANSWER_TIMEOUT
             result = self._future(handle.get_result_async(), "the jog does not end", seconds).result
         finally:

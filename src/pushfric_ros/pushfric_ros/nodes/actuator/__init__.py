@@ -414,7 +414,7 @@ class ActuatorNode(LifecycleNode):
             level, message = Level.WARN, self._not_active
         values = {"state": self._lifecycle_state, "controller": self._pusher.name,
                   "mode": mode.value, "fault": self._fault.value, "reports dropped": self._pusher.dropped,
-                  "last problem": self._problem or "none"}  # fmt: skip
+                  "last problem": self._problem or "none", "last refusal": self._topics.refusal}  # fmt: skip
         return Health(level, message, values)
 
     # The push action
@@ -422,6 +422,7 @@ class ActuatorNode(LifecycleNode):
     def _on_goal(self, push: Push.Goal) -> GoalResponse:
         if (reason := self._refusal(push)) is None:
             return GoalResponse.ACCEPT
+        self._topics.refusal = reason
         self.get_logger().warning(f"push {push.push_id} rejected: {reason}")
         return GoalResponse.REJECT
 

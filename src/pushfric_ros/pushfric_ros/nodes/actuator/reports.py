@@ -85,7 +85,11 @@ def impossible(push: Push.Goal, config: PusherConfig, limits: Limits, position: 
 
 
 class StateTopics:
-    """The topics `pusher_state` and `pusher_fault`."""
+    """The topics `pusher_state` and `pusher_fault`.
+
+    Attributes:
+        refusal: why the last goal that was rejected was, for the diagnostics: the answer to a goal has no room for it.
+    """
 
     def __init__(self, node: Node, config: PusherConfig, topics: Diagnostics) -> None:
         self._clock, self._line = node.get_clock(), pushing_line(config.line_origin, config.line_direction, config.tip_radius)
@@ -93,6 +97,7 @@ class StateTopics:
         self._newest_stamp = 0  # of the states that were published [ns]
         self._fault = topics.advertise(String, "pusher_fault", LATCHED)
         self._told: PusherFault | None = None
+        self.refusal = "none"
 
     def publish(self, report: PusherReport, mode: Mode, in_doubt: bool, age: float, push_id: int) -> None:
         """Publish a report.
