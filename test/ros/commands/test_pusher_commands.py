@@ -30,12 +30,12 @@ def test_a_person_jogs_stops_and_resets(ros):
         assert line(wait_for_idle()) == "idle at 10.000 mm, 0.00 mm/s"
         person.say_stop()
         assert person.call("actuator/stop") == "stopped: nothing moves until a reset"
-        with pytest.raises(NoAnswer, match="refuses: the pusher must be idle, it is hold: .* nothing moves until a reset"):
+        with pytest.raises(NoAnswer, match=r"refuses: the pusher must be idle, it is hold: .* nothing moves until a reset"):
             person.jog(0.010, 0.05)
         assert person.call("actuator/reset") == "released"
         assert person.health()["fault"] in ("none", "stopped")
         wait_for_idle()
-        with pytest.raises(NoAnswer, match="the actuator refuses: it would end at .* beyond the stroke of"):
+        with pytest.raises(NoAnswer, match=r"the actuator refuses: it would end at .* beyond the stroke of"):
             person.jog(5.0, 0.05)
         assert re.fullmatch(r"reached(, unevenly: .*)?: -10.000 mm", person.jog(-0.010, 0.05))
 
