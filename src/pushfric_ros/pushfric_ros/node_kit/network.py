@@ -23,7 +23,14 @@ from rclpy.utilities import get_rmw_implementation_identifier
 from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.node_kit.lock import domain
-from pushfric_ros.node_kit.reach import FILE_VARIABLES, RANGE, VARIABLES, configured_by_user, stays_on_this_machine
+from pushfric_ros.node_kit.reach import (
+    FILE_VARIABLES,
+    RANGE,
+    SHARED_MEMORY,
+    VARIABLES,
+    configured_by_user,
+    stays_on_this_machine,
+)
 
 RCLError = rclpy_implementation.RCLError
 
@@ -35,8 +42,6 @@ NETWORK = HERE / "fastdds.xml"
 THIS_MACHINE = HERE / "fastdds_this_machine.xml"
 IMAGES = HERE / "fastdds_images.xml"
 IMAGES_ON_THIS_MACHINE = HERE / "fastdds_images_this_machine.xml"
-
-SHARED_MEMORY = pathlib.Path("/dev/shm")
 
 FREE = 48 * 2**20
 """Least free shared memory [bytes]; if Fast DDS cannot make a segment, it falls back to the network."""

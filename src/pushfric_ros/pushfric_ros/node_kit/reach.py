@@ -46,12 +46,12 @@ def nobody_is_there() -> bool:
     """
     first = FIRST_PORT + PORTS * domain()
     known = os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps").startswith("rmw_fastrtps") and not configured_by_user()
-    if not known or not stays_on_this_machine():
+    udp, udp6, locks = map(pathlib.Path, ("/proc/net/udp", "/proc/net/udp6", "/proc/locks"))
+    if not known or not stays_on_this_machine() or not (udp.exists() and locks.exists()):
         return False
-    tables = [pathlib.Path(f"/proc/net/{name}") for name in ("udp", "udp6")]
-    lines = [line.split() for table in tables if table.exists() for line in table.read_text().splitlines()[1:]]
+    lines = [line.split() for table in (udp, udp6) if table.exists() for line in table.read_text().splitlines()[1:]]
     taken = {int(line[1].rpartition(":")[2], 16) for line in lines}
-    locked = {line.split()[5].rpartition(":")[2] for line in pathlib.Path("/proc/locks").read_text().splitlines()}
+    locked = {line.split()[5].rpartition(":")[2] for line in locks.read_text().splitlines()}
     for port in SHARED_MEMORY.glob("fastrtps_port*_el"):  # they outlast processes that were killed
         with contextlib.suppress(FileNotFoundError):  # it has just ended
             if str(port.stat().st_ino) in locked:
