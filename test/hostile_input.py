@@ -25,9 +25,6 @@ import numpy as np
 import rearranged
 from mcap.writer import CompressionType
 from rclpy.serialization import deserialize_message, serialize_message
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as RosbagsWriter
-from rosbags.typesys import Stores, get_typestore
 
 from pushfric_core import Estimator, InvalidInput, Observation, Pose, PushfricError, Trajectory, Twist, friction_model
 from pushfric_core.bags.bag import Bag
@@ -190,7 +187,6 @@ def targets() -> dict[str, Target]:
                                (InvalidInput,)),
         "support points": Target(_of_file("points.csv", read_points), [b"x,y\n0.01,0.02\n-0.01,0.03\n"], (InvalidInput,)),
         "bag": Target(_of_file("bag.mcap", _read_bag), [_small_bag()], (InvalidInput, PushfricError)),
-        "database": Target(_of_file("bag.db3", _read_bag), [_database()], (InvalidInput, PushfricError)),
         "uncompressed bag": Target(_of_file("bag.mcap", _recover), [_uncompressed_bag()], (InvalidInput,)),
         "rearranged bag": Target(lambda data, folder: rearranged.try_one(zlib.crc32(data), folder), [b"seed"], ()),
         "growing bag": Target(_of_file("bag.mcap", _follow), [_small_bag(), _uncompressed_bag()], (ValueError,)),
@@ -394,18 +390,6 @@ def _use_messages(data: bytes, _: pathlib.Path) -> None:
 
 
 MOVES = b"contact_x,contact_y,normal_x,normal_y,tip_vx,tip_vy\n0.0,-0.032,0,-1,0.0,1.0\n"
-
-
-def _database() -> bytes:
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
-        path = pathlib.Path(folder) / "bag"
-        with RosbagsWriter(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
-            connection = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
-            message = store.types["std_msgs/msg/String"](data="text")
-            for stamp in range(20):
-                writer.write(connection, stamp, store.serialize_cdr(message, "std_msgs/msg/String"))
-        return (path / "bag.db3").read_bytes()
 
 
 def _uncompressed_bag() -> bytes:

@@ -24,7 +24,6 @@ PACKAGES = ("pushfric_core", "pushfric_msgs", "pushfric_ros")
 PYTHON_PACKAGES = ("pushfric_core", "pushfric_ros")
 KEYS = yaml.safe_load((ROOT / "test/rosdep_keys.yaml").read_text())
 OF_KEYS = {
-    "apsw": "python3-rosbags-pip",
     "mcap": "mcap-ros2-support",
     "opencv-python-headless": "python3-opencv",
     "pillow": "python3-pil",

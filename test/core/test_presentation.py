@@ -41,7 +41,7 @@ sys.meta_path.insert(0, Missing())
 """
 """As if these packages were not installed."""
 
-EXTRAS = {"mcap", "rosbags", "lz4", "zstandard", "apsw", "cv2", "serial", "matplotlib", "PIL", "osqp", "pandas"}
+EXTRAS = {"mcap", "rosbags", "lz4", "zstandard", "cv2", "serial", "matplotlib", "PIL", "osqp", "pandas"}
 
 
 def bare(code, cwd, names=EXTRAS):

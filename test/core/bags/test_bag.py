@@ -169,14 +169,10 @@ def test_the_mcap_file_is_laid_out_as_rosbag2_does(cell_bag):
     assert yaml.safe_load(record.metadata["serialized_metadata"]) == information
 
 
-@pytest.mark.parametrize("compression", [None, *CompressionMode])
-@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-def test_other_storages_and_compressed_bags_are_read(tmp_path, storage, compression):
-    """Bags as ROS 2 before Iron, or `ros2 bag record --compression-mode`, writes them; old databases embed no definitions."""
-    if storage == StoragePlugin.SQLITE3 and compression == CompressionMode.STORAGE:
-        pytest.skip("rosbag2 has no such combination")
+def foreign(folder: pathlib.Path, compression: CompressionMode | None = None, storage: StoragePlugin = StoragePlugin.MCAP):
+    """A bag as ROS 2 before Iron, or `ros2 bag record --compression-mode`, writes it; returns its only file."""
     store = get_typestore(Stores.ROS2_HUMBLE)
-    writer = RosbagsWriter(tmp_path / "bag", version=8, storage_plugin=storage)
+    writer = RosbagsWriter(folder, version=8, storage_plugin=storage)
     if compression is not None:
         writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
@@ -184,6 +180,13 @@ def test_other_storages_and_compressed_bags_are_read(tmp_path, storage, compress
         for stamp in (7, 5):
             raw = store.serialize_cdr(store.types[STRING](data=f"from elsewhere at {stamp}"), STRING)
             writer.write(connection, stamp, raw)
+    (file,) = set(folder.iterdir()) - {folder / "metadata.yaml"}
+    return file
+
+
+@pytest.mark.parametrize("compression", [None, CompressionMode.STORAGE])
+def test_bags_of_others_are_read(tmp_path, compression):
+    foreign(tmp_path / "bag", compression)
     bag = Bag(tmp_path / "bag")
     assert bag.damage is None
     assert (bag.summary.message_count, bag.summary.start_ns, bag.summary.end_ns) == (2, 5, 7)
@@ -191,6 +194,29 @@ def test_other_storages_and_compressed_bags_are_read(tmp_path, storage, compress
     assert texts == [(5, "from elsewhere at 5"), (7, "from elsewhere at 7")]
     assert recover(tmp_path / "bag", tmp_path / "out").summary.message_count == 2
     assert [(m.log_time_ns, content(m).data) for m in Bag(tmp_path / "out").messages()] == texts
+
+
+@pytest.mark.parametrize(
+    ("compression", "storage"),
+    [
+        (None, StoragePlugin.SQLITE3),
+        (CompressionMode.FILE, StoragePlugin.MCAP),
+        (CompressionMode.MESSAGE, StoragePlugin.MCAP),
+    ],
+)
+def test_bags_that_are_not_read_are_converted_as_the_line_says(tmp_path, compression, storage):
+    file = foreign(tmp_path / "bag", compression, storage)
+    for use in (Bag, lambda path: recover(path, tmp_path / "out")):
+        with pytest.raises(InvalidInput, match="rosbags-convert --src BAG --dst NEW --dst-storage mcap makes") as refused:
+            use(tmp_path / "bag")
+    if compression != CompressionMode.MESSAGE:  # its file alone does not say so
+        with pytest.raises(InvalidInput, match="rosbags-convert --src BAG"):
+            Bag(file)
+    line = str(refused.value)
+    words = line[line.index("rosbags-convert") : line.index(" makes")].split()
+    words[words.index("BAG")], words[words.index("NEW")] = str(tmp_path / "bag"), str(tmp_path / "new")
+    subprocess.run([pathlib.Path(sys.executable).parent / words[0], *words[1:]], check=True)
+    assert [content(m).data for m in Bag(tmp_path / "new").messages()] == ["from elsewhere at 5", "from elsewhere at 7"]
 
 
 @pytest.mark.parametrize(
@@ -357,7 +383,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
         with pytest.raises(InvalidInput, match=r"empty: is not a bag, expected metadata\.yaml, or an \.mcap"):
             use(tmp_path / "empty")
         for name in ("notes.txt", "nothing.mcap"):
-            with pytest.raises(InvalidInput, match=f"{name}: is neither an MCAP file nor a database, expected a bag's folder"):
+            with pytest.raises(InvalidInput, match=f"{name}: is not an MCAP file, expected a bag's folder"):
                 use(tmp_path / name)
     assert not (tmp_path / "out").exists()
 
@@ -368,7 +394,10 @@ def test_metadata_that_cannot_be_used_is_refused(tmp_path):
     original = metadata.read_text()
     cases = [
         ("]", "is not the metadata of a bag"),
-        (original.replace("storage_identifier: mcap", "storage_identifier: tape"), "to be one of mcap, sqlite3, got 'tape'"),
+        (
+            original.replace("storage_identifier: mcap", "storage_identifier: tape"),
+            "expected storage_identifier mcap, got 'tape'",
+        ),
         (original.replace("compression_mode: ''", "compression_mode: [null]"), "expected compression_mode to be one of"),
         (original.replace("- bag_0.mcap", "- bag_0.mcap\n  - ../bag/bag_0.mcap"), r"lists bag_0\.mcap more than once"),
         (original.replace("- bag_0.mcap", '- "bag_0\\0.mcap"'), "expected relative_file_paths to list names of files"),

@@ -2,27 +2,19 @@
 
 import os
 import pathlib
-import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, Protocol
-
-import zstandard
+from typing import Any, NamedTuple
 
 from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, BagMessage, Definition, Gap, Summary, Topic, in_order
-from pushfric_core.bags.mcap_file import RECORD_LIMIT, STRANGE, McapFile
+from pushfric_core.bags.mcap_file import STRANGE, McapFile
 from pushfric_core.bags.message_types import Decoder, decoder
-from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata, parts_of, read_metadata
+from pushfric_core.bags.rosbag2_metadata import CONVERT, METADATA, BagMetadata, parts_of, read_metadata
 from pushfric_core.errors import InvalidInput, PushfricError
 
 PathLike = str | os.PathLike[str]
-
-FILE_LIMIT = 16 * 2**30
-"""Largest size of a compressed file after decompression [bytes]."""
-
-SQLITE_MAGIC = b"SQLite format 3\0"
 
 
 class DamagedBag(PushfricError):
@@ -50,26 +42,6 @@ class Damage:
         return bool(self.missing or self.contradictions) or self.missing is None
 
 
-class StoredFile(Protocol):
-    """A file of a bag, whatever its format."""
-
-    path: pathlib.Path
-    gaps: list[Gap]
-    doubts: list[str]  # why messages may be missing, or differ from what was written
-    topics: dict[int, Topic]  # by channel
-    counts: Counter[str]  # of the messages of each topic that can be read
-    expected: Counter[str] | None  # that were written according to the file; None if it does not say
-    missing: Counter[str]  # that the numbers of the others miss
-    first_numbers: dict[str, int]  # of each topic, where its recorder began to count messages
-    start_ns: int  # the least log time
-    end_ns: int
-    embedded: BagMetadata | None  # what it says of its bag
-
-    def messages(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
-        """Messages by log time."""
-        ...
-
-
 class Bag:
     """A bag, read through once to find what it contains and what is lost.
 
@@ -92,9 +64,7 @@ class Bag:
 
     def __init__(self, path: PathLike, ignore_metadata: bool = False) -> None:
         self.path = pathlib.Path(path)
-        self._decompressed: tempfile.TemporaryDirectory[str] | None = None
         metadata = None if ignore_metadata else read_metadata(self.path)
-        self._compressed_messages = metadata is not None and metadata.compression_mode == "message"
         found = parts_of(self.path, metadata)
         self.files = found.files
         self._files = [self._open(file) for file in found.files]
@@ -182,12 +152,9 @@ class Bag:
             self._decoders[name] = decoder(name, self._definitions.get(name, Definition("", "")))
         return self._decoders[name](message.raw)
 
-    def _read(self, file: StoredFile, topics: Collection[str] | None) -> Iterator[BagMessage]:
+    def _read(self, file: McapFile, topics: Collection[str] | None) -> Iterator[BagMessage]:
         try:
-            for message in file.messages(topics):
-                if self._compressed_messages:
-                    message = message._replace(raw=_decompressed(message.raw, file.path))
-                yield message
+            yield from file.messages(topics)
         except OSError as error:
             raise InvalidInput(f"{file.path}: cannot be read: {error.strerror}") from error
 
@@ -236,41 +203,17 @@ class Bag:
             return None
         return Damage(gaps, None if missing is None else dict(missing), tuple(contradictions))
 
-    def _open(self, file: pathlib.Path) -> StoredFile:
+    def _open(self, file: pathlib.Path) -> McapFile:
         try:
-            if file.suffix == ".zstd":
-                file = self._decompress(file)
             if McapFile.recognized(file):
                 return McapFile(file)
-            with file.open("rb") as stream:
-                is_sqlite = stream.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
         except OSError as error:
             raise InvalidInput(f"{file}: cannot be read: {error.strerror}, expected a bag") from error
         except MemoryError as error:
             raise InvalidInput(f"{file}: there is not enough memory to read it") from error
         except ValueError as error:
             raise InvalidInput(f"{str(file)!r}: cannot be read: {error}, expected a bag") from error
-        if not is_sqlite:
-            raise InvalidInput(f"{file}: is neither an MCAP file nor a database, expected a bag's folder or one of its files")
-        from pushfric_core.bags.sqlite_file import SqliteFile  # imported late: it loads SQLite, which few bags need
-
-        return SqliteFile(file)
-
-    def _decompress(self, file: pathlib.Path) -> pathlib.Path:
-        """A decompressed copy of a file, within limits, in a temporary folder that is removed with this object."""
-        if self._decompressed is None:
-            self._decompressed = tempfile.TemporaryDirectory(prefix="pushfric-bag-")
-        copy, size = pathlib.Path(self._decompressed.name) / file.stem, 0
-        try:
-            with file.open("rb") as stream, copy.open("wb") as out:
-                for block in zstandard.ZstdDecompressor().read_to_iter(stream):
-                    size += out.write(block)
-                    if size > FILE_LIMIT:
-                        raise InvalidInput(f"{file}: holds more than the limit of {FILE_LIMIT} bytes")
-        except zstandard.ZstdError as error:
-            if not size:
-                raise InvalidInput(f"{file}: cannot be decompressed: {error}") from error
-        return copy  # if it is cut short, so is the file in it
+        raise InvalidInput(f"{file}: is not an MCAP file, expected a bag's folder or one of its files; {CONVERT}")
 
 
 def each(counts: dict[str, int]) -> str:
@@ -283,10 +226,3 @@ def _compared(expected: Counter[str], found: Counter[str], said: str, contradict
     for name, count in (found - expected).items():
         contradictions.append(f"{said} {expected[name]} messages of {name}, but there are {expected[name] + count}")
     return expected - found
-
-
-def _decompressed(raw: bytes, file: pathlib.Path) -> bytes:
-    try:
-        return zstandard.ZstdDecompressor().decompress(raw, max_output_size=RECORD_LIMIT)
-    except zstandard.ZstdError as error:
-        raise InvalidInput(f"{file}: a message cannot be decompressed: {error}") from error

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from pushfric_core.bags.rosbag2_metadata import METADATA, PATTERNS
+from pushfric_core.bags.rosbag2_metadata import METADATA
 from pushfric_core.bags.run_record import RunRecord, content
 from pushfric_core.bags.samples import (
     force_sample_from_msg,
@@ -56,7 +56,7 @@ TYPES = {
 }
 """Types of the messages on these topics."""
 
-BAG_FILES = (METADATA, *PATTERNS)
+BAG_FILES = (METADATA, "*.mcap")
 """Patterns of files, of which a bag's folder contains at least one."""
 
 

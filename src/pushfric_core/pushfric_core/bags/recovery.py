@@ -8,7 +8,7 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE
 from pushfric_core.bags.recorded import beside
-from pushfric_core.bags.rosbag2_metadata import METADATA
+from pushfric_core.bags.rosbag2_metadata import METADATA, CompressedMessages
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE
 
@@ -27,6 +27,8 @@ def recover(path: PathLike, out: PathLike) -> Bag:
     unknown = []
     try:
         damaged = Bag(path)
+    except CompressedMessages:
+        raise
     except InvalidInput as error:  # perhaps only its metadata is damaged
         damaged = Bag(path, ignore_metadata=True)
         unknown.append(f"{METADATA} could not be used: {error}")

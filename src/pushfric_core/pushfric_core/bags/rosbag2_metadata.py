@@ -15,7 +15,7 @@ METADATA = "metadata.yaml"
 
 VERSION = 9
 
-STORAGES = ("mcap", "sqlite3")
+CONVERT = "rosbags-convert --src BAG --dst NEW --dst-storage mcap makes an MCAP bag of any bag of ROS 2"
 
 COMPRESSION_MODES = ("", "none", "file", "message")
 
@@ -23,14 +23,15 @@ FILE_LIMIT = 10_000
 """Largest number of files of a bag."""
 
 
+class CompressedMessages(InvalidInput):
+    """Each message of a bag is compressed, which is not read."""
+
+
 @dataclass(frozen=True)
 class BagMetadata:
     """The part of a metadata.yaml that is used."""
 
-    storage: str  # one of STORAGES
     files: tuple[pathlib.Path, ...]
-    compression_mode: str  # one of COMPRESSION_MODES
-    compression_format: str
     message_count: int
     by_topic: Mapping[str, int]  # counts of messages
     custom: Mapping[str, str]  # what the writer added
@@ -64,15 +65,13 @@ def embedded_metadata(folder: pathlib.Path, text: str) -> BagMetadata | None:
 
 
 def _metadata(folder: pathlib.Path, information: Any) -> BagMetadata:
-    storage = information["storage_identifier"]
-    if storage not in STORAGES:
-        raise ValueError(f"expected storage_identifier to be one of {', '.join(STORAGES)}, got {str(storage)[:80]!r}")
+    if (storage := information["storage_identifier"]) != "mcap":
+        raise ValueError(f"expected storage_identifier mcap, got {str(storage)[:80]!r}; {CONVERT}")
     mode = information.get("compression_mode") or ""
     if not isinstance(mode, str) or mode.lower() not in COMPRESSION_MODES:
         raise ValueError(f"expected compression_mode to be one of {', '.join(COMPRESSION_MODES[1:])}, got {str(mode)[:80]!r}")
-    format_ = information.get("compression_format") or ""
-    if mode.lower() in COMPRESSION_MODES[2:] and format_ != "zstd":
-        raise ValueError(f"expected compression_format zstd, got {str(format_)[:80]!r}")
+    if mode.lower() == "message":  # what would be read of it makes no sense
+        raise CompressedMessages(f"{folder}: rosbag2 compressed each message; {CONVERT}")
     names = information["relative_file_paths"]
     if not isinstance(names, list) or not 0 < len(names) <= FILE_LIMIT:
         raise ValueError(f"expected relative_file_paths to list 1 to {FILE_LIMIT} files")
@@ -92,7 +91,7 @@ def _metadata(folder: pathlib.Path, information: Any) -> BagMetadata:
         raise ValueError("expected custom_data to be a mapping")
     count = _count(information["message_count"])
     said = {str(key): str(value) for key, value in custom.items()}
-    return BagMetadata(storage, tuple(files), mode.lower(), format_, count, by_topic, said)
+    return BagMetadata(tuple(files), count, by_topic, said)
 
 
 def _count(value: Any) -> int:
@@ -101,9 +100,7 @@ def _count(value: Any) -> int:
     return value
 
 
-PATTERNS = ("*.mcap", "*.mcap.zstd", "*.db3", "*.db3.zstd")
-
-_NUMBERED = re.compile(r"(?P<base>.*)_(?P<number>[0-9]{1,9})\.(?:mcap|db3)(?:\.zstd)?")
+_NUMBERED = re.compile(r"(?P<base>.*)_(?P<number>[0-9]{1,9})\.mcap")
 
 
 class Parts(NamedTuple):
@@ -128,7 +125,7 @@ def parts_of(path: pathlib.Path, metadata: BagMetadata | None) -> Parts:
     """
     if not os.path.isdir(path):
         return Parts((path,), (), ())
-    present = sorted(file for pattern in PATTERNS for file in path.glob(pattern))
+    present = sorted(path.glob("*.mcap"))
     if metadata is not None:
         files = tuple(file for file in metadata.files if file.exists())
         if not files:
@@ -141,7 +138,7 @@ def parts_of(path: pathlib.Path, metadata: BagMetadata | None) -> Parts:
             (),
         )
     if not present:
-        raise InvalidInput(f"{path}: is not a bag, expected {METADATA}, or an .mcap or .db3 file in it")
+        raise InvalidInput(f"{path}: is not a bag, expected {METADATA}, or an .mcap file in it; {CONVERT}")
     known = dict(zip(present, _numbers(present), strict=True))
     files = tuple(sorted(present, key=lambda file: (known[file] is None, (known[file] or ("", 0))[1], file.name)))
     numbers = [known[file] for file in files]
