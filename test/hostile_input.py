@@ -47,7 +47,6 @@ from pushfric_core.files.yaml_text import load_yaml, with_values
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 from pushfric_core.offline.summary import write_table
-from pushfric_core.page.clicked_points import ClickedPoints
 from pushfric_core.page.drawn_object import DrawnObject
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import parse_status
@@ -56,7 +55,7 @@ from pushfric_core.pushers.pusher import PusherError
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.records import to_json
 from pushfric_core.vision.calibration import read_table_points
-from pushfric_core.vision.camera import Camera, Lens, load_camera, picture_from, save_camera
+from pushfric_core.vision.camera import Camera, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_msgs.msg import FrictionModel
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
@@ -209,8 +208,6 @@ def targets() -> dict[str, Target]:
         "moves": Target(_of_file("moves.csv", lambda path: read_point_pushes(path, outline)), [MOVES], (InvalidInput,)),
         "table points": Target(_of_file("points.csv", read_table_points), [b"u,v,x,y\n320,240,0.1,0.0\n10,20,0.0,0.1\n"],
                                (InvalidInput,)),
-        "clicked points": Target(_click, [b"[[1, 1, 0, 0], [600, 1, 0.5, 0], [600, 400, 0.5, 0.4], [1, 400, 0, 0.4]]"],
-                                 (InvalidInput,)),
         "drawn object": Target(
             _draw, [b'{"outline": [[0, 0], [1, 0], [0, 1]], "support": {"grid": [3, 3]}, "picture": [0, 0, 9]}'],
             (InvalidInput,),
@@ -415,14 +412,6 @@ def _follow(path: pathlib.Path) -> None:
     for end in range(0, len(content) + 1, max(1, len(content) // 7)):
         path.write_bytes(content[:end])
         file.read_on()
-
-
-def _click(data: bytes, _: pathlib.Path) -> None:
-    clicked = ClickedPoints(
-        Lens(640, 480, np.array(((500.0, 0, 320), (0, 500, 240), (0, 0, 1))), np.zeros(5)), pathlib.Path(), []
-    )
-    clicked.take(data)
-    to_json(clicked.figures())
 
 
 def _draw(data: bytes, folder: pathlib.Path) -> None:

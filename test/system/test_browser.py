@@ -26,7 +26,7 @@ from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.geometry.planar import Pose
-from pushfric_core.vision.camera import Camera, Lens, load_camera, save_camera
+from pushfric_core.vision.camera import Camera, Lens, save_camera
 from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PlanProgress, PusherState, Reason, RejectedPush
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.commands.demo import demo_cell
@@ -234,89 +234,15 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
         expect(page.locator('#rows tr[data-push="0"]').get_by_role("button")).to_have_text("Exclude")
 
 
-MARKS = [(x, y) for y in (0.0, 0.15, 0.3) for x in (0.0, 0.2, 0.4)]
-"""Crosses on the table [m]."""
-
-
 @pytest.fixture
 def table(tmp_path) -> Camera:
-    """A tilted camera over a table with MARKS; its picture, its lens and the marks are in files."""
+    """A tilted camera over an empty table; its picture is in a folder."""
     lens = Lens(640, 480, np.array(((560.0, 0, 330), (0, 560, 236), (0, 0, 1))), np.array((-0.2, 0.08, 0.001, -0.0005, 0)))
     turn = cv2.Rodrigues(np.array((0.25, -0.1, 0.0)))[0] @ np.diag((1.0, -1, -1))
     shift = np.array((0, 0, 0.6)) - turn @ (0.2, 0.15, 0)
-    camera = lens.over(lens.K @ np.column_stack((turn[:, :2], shift)))
-    frame = np.full((480, 640), 60, np.uint8)
-    for mark in MARKS:
-        for arm in ((0.02, 0.0), (0.0, 0.02)):
-            ends = [tuple(map(int, np.rint(16 * end))) for end in camera.project([np.subtract(mark, arm), np.add(mark, arm)])]
-            cv2.line(frame, *ends, 230, 2, cv2.LINE_AA, 4)
     (tmp_path / "pictures").mkdir()
-    cv2.imwrite(str(tmp_path / "pictures/table.png"), frame)
-    save_camera(lens, tmp_path / "camera.yaml")
-    (tmp_path / "marks.csv").write_text("\n".join(["x,y", *(f"{x},{y}" for x, y in MARKS)]))
-    return camera
-
-
-def click(page: Page, where: str, u: float, v: float) -> None:
-    """Click a pixel of the camera's picture."""
-    to = "([id, u, v]) => { const at = document.getElementById(id), p = new DOMPoint(u, v).matrixTransform(at.getScreenCTM()),"
-    to += " box = at.getBoundingClientRect(), x = p.x - box.x, y = p.y - box.y;"
-    to += " return x > 0 && y > 0 && x < box.width && y < box.height ? { x, y } : null; }"
-    # the loupe shows the place of the last click a moment later
-    place = page.wait_for_function(to, arg=[where, u, v]).json_value()
-    page.locator(f"#{where}").click(position=place)
-
-
-def test_points_of_the_table_are_clicked(browser, tmp_path, table):
-    """On a phone, which shows 640 px of the picture on 340 of its own, and then with the keyboard alone."""
-    command = [sys.executable, "-m", "pushfric_core", "calibrate", "table", "pictures", "--camera", "camera.yaml"]
-    command += ["--view", "0", "--marks", "marks.csv"]
-    with (
-        subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as calibration,
-        contextlib.ExitStack() as end,
-    ):
-        end.callback(calibration.kill)
-        assert calibration.stderr is not None
-        url = calibration.stderr.readline().split()[1]
-        with visit(browser, url, viewport={"width": 360, "height": 740}, is_mobile=True, has_touch=True) as page:
-            expect(page.locator("#picture image")).to_have_count(1)
-            expect(page.locator("#save")).to_be_disabled()
-            for number, (u, v) in enumerate(table.project(MARKS[:-1]), 1):
-                expect(page.locator("#prompt")).to_contain_text(f"({number} of {len(MARKS)})")
-                click(page, "picture", u, v)
-                click(page, "loupe", u, v)
-            expect(page.locator("#trust")).to_contain_text("mm on the table (rms)")
-            assert page.evaluate("[document.documentElement.scrollWidth, window.innerWidth]") == [360, 360]
-            expect(page.locator("body")).to_have_attribute("aria-busy", "false")  # a reload would break off what is asked
-            page.reload()
-            expect(page.locator("#rows tr")).to_have_count(len(MARKS) - 1)
-            page.locator("#picture").press("Enter")  # sets the last point, in the middle
-            expect(page.locator("#x")).to_have_value("400")
-            expect(page.locator("#trust")).to_contain_text("the worst is number 9")
-            expect(page.locator("#save")).to_be_disabled()
-            u, v = np.rint(table.project(MARKS[-1:])[0]) - (320, 240)
-            for offset, keys in ((int(u), ("ArrowRight", "ArrowLeft")), (int(v), ("ArrowDown", "ArrowUp"))):
-                for prefix, count in (("Shift+", abs(offset) // 10), ("", abs(offset) % 10)):
-                    for _ in range(count):
-                        page.locator("#picture").press(f"{prefix}{keys[offset < 0]}")
-            expect(page.locator("#save")).to_be_enabled()
-            for width, scheme in ((360, "dark"), (1280, "light")):
-                page.set_viewport_size({"width": width, "height": 740})
-                page.emulate_media(color_scheme=scheme)
-                assert violations(page) == {}
-            if "PUSHFRIC_PICTURES" in os.environ:
-                page.set_viewport_size(ALL_OF_IT)
-                page.locator("#picture").blur()
-                page.evaluate("scrollTo(0, 0)")
-                page.screenshot(path=pathlib.Path(os.environ["PUSHFRIC_PICTURES"]) / "points.png")
-            page.locator("#another").click()
-            expect(page.locator("#answer")).to_contain_text("pictures: no further picture")
-            page.locator("#save").click()
-            expect(page.locator("#prompt")).to_have_text("Saved")
-        assert calibration.wait(PATIENCE) == 0
-        assert "a place anywhere in the image is off by" in calibration.stderr.read()
-    found = load_camera(tmp_path / "camera.yaml")
-    np.testing.assert_allclose(found.unproject(table.project(MARKS)), MARKS, atol=1e-3)
+    cv2.imwrite(str(tmp_path / "pictures/table.png"), np.full((480, 640), 60, np.uint8))
+    return lens.over(lens.K @ np.column_stack((turn[:, :2], shift)))
 
 
 @contextlib.contextmanager

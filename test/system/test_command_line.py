@@ -45,10 +45,6 @@ HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
             "no observation of push 5, which is to be left out",
         ),
         (["calibrate", "table", "none.csv", "--camera", "none.yaml"], "none.yaml"),
-        (
-            ["calibrate", "table", "0", "--camera", "lens.yaml", "--marks", "good.csv"],
-            "--marks are clicked in a browser: give --view as well",
-        ),
         (["run", "none.yaml"], "none.yaml: cannot be read"),
         (["doctor", "no_outline.yaml", "--json"], "no_outline.yaml: "),
         (["demo", "--json=."], ".: expected the name of a file to write that ends in .json"),

@@ -10,9 +10,9 @@ import typer
 import yaml
 
 from pushfric_core.cell.cell_file import CellFile, load_cell
-from pushfric_core.cell.node_settings import NAMESPACE, VIEW_PORT, ViewConfig
+from pushfric_core.cell.node_settings import NAMESPACE
 from pushfric_core.commands.application import Application, in_range
-from pushfric_core.commands.cell_options import ADDRESS_METAVAR, NamespaceOption, WithView, view_at
+from pushfric_core.commands.cell_options import NamespaceOption
 from pushfric_core.commands.console import say, warn, write_json
 from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, borrowed, frames_from
 from pushfric_core.commands.options import JsonOption
@@ -28,7 +28,6 @@ from pushfric_core.vision.calibration import (
     ErrorMap,
     calibrate_table,
     lens_from_frames,
-    read_table_places,
     read_table_points,
     table_from_frames,
 )
@@ -104,7 +103,7 @@ def lens(
     )
 
 
-@app.command(cls=WithView)
+@app.command()
 def table(
     source: Annotated[
         str,
@@ -122,54 +121,25 @@ def table(
         pathlib.Path | None,
         typer.Option(help="Draw a map of the expected errors to this file (.png, .svg, .pdf).", show_default=False),
     ] = None,
-    view: Annotated[
-        str,
-        typer.Option(
-            "--view",
-            help="No board: click points of the table in a browser, on this machine alone unless a HOST is given, at port"
-            f" {VIEW_PORT} unless a PORT is.",
-            metavar=ADDRESS_METAVAR,
-            show_default=False,
-        ),
-    ] = "",
-    marks: Annotated[
-        pathlib.Path | None,
-        typer.Option(help="CSV x,y of the points to click, in this order [m].", show_default="typed in the browser"),
-    ] = None,
     namespace: NamespaceOption = NAMESPACE,
 ) -> None:
     """Calibrate the table from the board lying on it, or from at least four measured points; adds it to the camera's YAML.
 
     The lower left corner of the board becomes the origin of the table frame, with x to the right and y up as printed. If the
-    board is small in the image, lay it in several places, one after the other: the first place gives the table frame. With
-    --view, the points that are clicked give it.
+    board is small in the image, lay it in several places, one after the other: the first place gives the table frame.
     """
     if figure is not None:
         from pushfric_core.files.figure_file import check_image_name  # imported late: it takes a second
 
         check_image_name(figure)
     known = load_lens(camera)
-    shown = view_at(view, ViewConfig())
-    if marks is not None and shown is None:
-        raise InvalidInput("--marks are clicked in a browser: give --view as well")
     with telling_what_is_left(lambda: f"no calibration of the table was written to {camera}"):
-        if shown is not None:
-            places = [] if marks is None else read_table_places(marks).tolist()
-            from pushfric_core.page.clicked_points import ClickedPoints  # imported late: only this needs tornado
-            from pushfric_core.page.work_page import work_in_a_browser
-
-            clicked = ClickedPoints(known, camera, places)
-            frames = frames_from(source, namespace, (known.width, known.height))
-            work_in_a_browser("points.html", clicked, frames, shown, say)
-            assert clicked.found is not None
-            found = clicked.found
-        elif source.endswith(".csv"):
+        if source.endswith(".csv"):
             found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
-            save_camera(found.camera, camera)
         else:
             frames = frames_from(source, namespace, (known.width, known.height))
             found = table_from_frames(frames, _board(columns, rows, square), known, say)
-            save_camera(found.camera, camera)
+        save_camera(found.camera, camera)
     say(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
         f" worst {1e3 * found.errors.max():.3f} mm",

@@ -60,15 +60,15 @@ def edit(
         raise InvalidInput("--camera says where a picture was taken: give --picture as well")
     if file.suffix not in (".yaml", ".yml") or not file.parent.is_dir():
         raise InvalidInput(f"{file}: expected a YAML file in a folder that exists")
-    from pushfric_core.page.drawn_object import DrawnObject  # imported late: only this needs OpenCV and tornado
-    from pushfric_core.page.work_page import work_in_a_browser
+    # imported late: only this needs OpenCV and tornado
+    from pushfric_core.page.drawn_object import DrawnObject, draw_in_a_browser
 
     known = None if camera is None else load_camera(camera)
     drawn = DrawnObject(file, known, width, height)
     source = frames_from(picture, namespace, None if known is None else (known.width, known.height)) if picture else None
 
     with telling_what_is_left(lambda: f"nothing was written to {file}"):
-        work_in_a_browser("drawing.html", drawn, source, ViewConfig(port=port), say)
+        draw_in_a_browser(drawn, source, ViewConfig(port=port), say)
     assert drawn.model is not None
     length, wide = 1e3 * drawn.model.outline.size
     corners = counted(len(drawn.model.outline.vertices), "corner")

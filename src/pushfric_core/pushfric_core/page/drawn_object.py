@@ -3,21 +3,31 @@
 import contextlib
 import math
 import pathlib
+import queue
+from collections.abc import Callable
 from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from pydantic import Field, ValidationError
 
+from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import Length, ObjectFile, ObjectModel, Point, edited_object
 from pushfric_core.files.yaml_files import Strict, complaint, read_yaml
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
+from pushfric_core.page.server import PageServer, Reply, Request
 from pushfric_core.vision.camera import Camera, Image, check_size
 from pushfric_core.vision.contour_tracker import ContourTracker
+from pushfric_core.vision.frame_source import Frames
 from pushfric_core.vision.outline_measurement import centroid, measured_outline
 from pushfric_core.vision.sighting import NotSeen
+
+PICTURE = "picture.png"
+
+ADDRESSES = f"state|{PICTURE}", "work|another|save"
+"""The requests of the page that change nothing, and the others."""
 
 MOST = 200
 """Number of corners, and of support points."""
@@ -235,3 +245,59 @@ def _from_above(camera: Camera, image: Image, pose: Pose, height: float) -> tupl
     pixels = camera.project(places, height).reshape(rows, columns, 2).astype(np.float32)
     above = cv2.remap(image, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderValue=255.0)
     return above, (float(low[0]), float(low[1]), columns * pixel, rows * pixel)
+
+
+def draw_in_a_browser(drawn: DrawnObject, source: Frames | None, shown: ViewConfig, announce: Callable[[str], None]) -> None:
+    """Serve a page on which a person draws an object, until somebody there saves it.
+
+    Args:
+        drawn: the object.
+        source: not opened yet; one of its frames is shown, and the next when the page asks for it. None: no picture.
+        shown: where the page is served.
+        announce: called with the line that names its address.
+    Raises:
+        InvalidInput: the first picture cannot be had, or the page cannot be served there.
+    """
+    # Everything is done in this thread: a topic is received in the one that opened it.
+    requests: queue.SimpleQueue[Request] = queue.SimpleQueue()
+    with contextlib.nullcontext() if source is None else source:
+        if source is not None:
+            drawn.show(_next_picture(source), source.name)
+        server = PageServer(shown, "drawing.html", requests.put, *ADDRESSES)
+        try:
+            announce(f"view: {server.url}")
+            saved = False
+            while not saved:
+                asked = requests.get()
+                reply: Reply
+                try:
+                    if asked.what == PICTURE:
+                        reply = "image/png", cv2.imencode(".png", drawn.picture())[1].tobytes()
+                    elif asked.what == "another":
+                        if source is not None:
+                            drawn.show(_next_picture(source), source.name)
+                        reply = {"done": True}
+                    elif asked.what == "save":
+                        reply = {"done": True, "message": drawn.save()}
+                        saved = True
+                    else:
+                        if asked.what == "work":
+                            drawn.take(asked.body)
+                        reply = {"done": True, "source": source and source.name, **drawn.figures()}
+                except (InvalidInput, OSError) as error:
+                    reply = {"done": False, "message": str(error)}
+                asked.answer(reply)
+        finally:
+            server.close()
+
+
+def _next_picture(source: Frames) -> Image:
+    """The present frame of a camera, or the next picture of an opened source.
+
+    Raises:
+        InvalidInput: there is none.
+    """
+    source.forget()
+    for frame in source:
+        return frame
+    raise InvalidInput(f"{source.name}: no further picture")

@@ -224,11 +224,6 @@ def read_table_points(path: pathlib.Path) -> Placement:
     return Placement(np.array([row.numbers(("u", "v")) for row in rows]), np.array([row.lengths(("x", "y")) for row in rows]))
 
 
-def read_table_places(path: pathlib.Path) -> Array:
-    """Places (n, 2) on the table [m] from a CSV file with columns x,y; raises as `read_table_points` does."""
-    return np.array([row.lengths(("x", "y")) for row in read_table(path, ("x", "y"), "places").rows])
-
-
 def _placement(view: View) -> Placement:
     return Placement(view.pixels, view.points)
 
