@@ -102,9 +102,9 @@ def pushed(point, normal, velocity):
     return pushfric_core.pushed_motion(SUPPORT, pushfric_core.Touch(0.0, point, normal, None), velocity, 0.3)
 
 
-def ranking(support_points, center, weights):
-    known = pushfric_core.Hypothesis("known", support_points, weights=weights)
-    recognizer = pushfric_core.Recognizer([known, pushfric_core.Hypothesis("other", support_points, center)])
+def ranking(support_points, center):
+    any_center = pushfric_core.Hypothesis("any centre", support_points)
+    recognizer = pushfric_core.Recognizer([any_center, pushfric_core.Hypothesis("other", support_points, center)])
     return [recognizer.add(observation) for observation in OBSERVATIONS[:8]]
 
 
@@ -190,7 +190,7 @@ ROWS = {
     ),
     "HalfPlanes": (half_planes, {"normal": (0.6, 0.8)}),
     "slip_pushes": (partial(pushfric_core.slip_pushes, OUTLINE), {"center": (0.01, -0.005)}),
-    "Hypothesis": (ranking, {"support_points": POINTS, "center": POINTS.mean(axis=0), "weights": W[0]}),
+    "Hypothesis": (ranking, {"support_points": POINTS, "center": POINTS.mean(axis=0)}),
     "Hypothesis.turned": (
         lambda points, center, pivot: pushfric_core.Hypothesis("", points, center).turned(0.3, pivot),
         {"points": POINTS, "center": (0.01, 0.02), "pivot": (0.03, 0.01)},

@@ -20,11 +20,9 @@ from typer.testing import CliRunner
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.commands import cli
 from pushfric_core.commands.application import spelled_out
-from pushfric_core.commands.check_cell import LoadsFile
 from pushfric_core.files.csv_files import REQUIRED
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.plan_file import load_plan
-from pushfric_core.files.yaml_files import read_yaml
 from pushfric_core.geometry.support import Support
 from pushfric_core.trajectories.ledger import REASONS
 from pushfric_core.vision.camera import Camera, load_camera, save_camera
@@ -195,8 +193,6 @@ def check_yaml(block, folder):
             save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), folder / "whole.yaml")
             path.write_text(yaml.safe_dump({**yaml.safe_load((folder / "whole.yaml").read_text()), **content}))
         load_camera(path)
-    elif "trials" in content:
-        read_yaml(path, LoadsFile)
     else:
         assert "pusher" in content or "object" in content, f"{block.page}:{block.line}: a file of which kind?"
         load_cell(path)

@@ -19,7 +19,6 @@ SECTIONS = {
         "calibrate": "Calibrate the camera: print a board, then calibrate the lens, then the table; and find the pusher's tip.",
         "edit": "Find an object's outline in a picture or a scan; correct it, and draw its support points, in a browser.",
         "track": "Track the object in the images of a bag again, and say how the poses differ from the recorded ones.",
-        "check-cell": "Check a whole cell against statics: how far p_CF is off for a plate with known loads.",
     },
     "Installation": {},
 }
@@ -28,5 +27,5 @@ adds to that."""
 
 COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}
 
-MODULES = {"check-cell": "check_cell", "predict": "planning", "stable": "planning", "report": "view"}
+MODULES = {"predict": "planning", "stable": "planning", "report": "view"}
 """Modules of the commands whose name is not that of a module."""

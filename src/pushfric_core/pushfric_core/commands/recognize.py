@@ -1,11 +1,8 @@
 """The command `recognize`."""
 
-import pathlib
 import sys
 from collections.abc import Iterator
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
@@ -25,7 +22,6 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation import batch
 from pushfric_core.estimation.recognition import Recognizer
 from pushfric_core.files.estimator_settings import ChosenSettings
-from pushfric_core.files.model_file import library
 from pushfric_core.offline.inputs import object_of, with_support
 
 
@@ -37,24 +33,17 @@ def recognize(
     support_points: SupportPointsOption = None,
     partial: PartialFlag = False,
     namespace: CellOption = None,
-    models: Annotated[
-        pathlib.Path | None,
-        typer.Option("--library", help="Folder of models (estimate --save): which of them was pushed.", show_default=False),
-    ] = None,
     json: JsonOption = None,
 ) -> None:
     recorded = Recorded(source, namespace)
     chosen = settings.over(recorded.settings)
     model, where = object_of(source, object_name)
-    if models is not None and (grid is not None or support_points is not None):
-        raise InvalidInput("give --library without --grid and --support-points: models have their own support points")
     model = with_support(model, grid, support_points)
-    hypotheses = model.hypotheses if models is None else library(models, model)
-    if not hypotheses:
-        raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses, or --library FOLDER")
+    if not model.hypotheses:
+        raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
     reading = recorded.read(model, chosen, warn, partial)
     data = chosen.relied_on(reading.observations, model.support_points, warn)
-    ranking = batch.recognize(Recognizer(hypotheses, chosen.estimator), data, warn)
+    ranking = batch.recognize(Recognizer(model.hypotheses, chosen.estimator), data, warn)
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             warn(f"{ranked.name}: {ranked.contradiction}")

@@ -10,17 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.estimation.estimate import Estimate
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig, free_radii
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
 from pushfric_core.geometry.planar import Array, as_array, rotation
-from pushfric_core.geometry.support import FreeRadii, Support, SupportForces, support_forces
-from pushfric_core.program.constraints import Constraint, ConstraintRows
 from pushfric_core.records import comparable
 from pushfric_core.solvers.program import Status
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
-
-FREEDOM = 1e-9
-"""Freedom of the one support that stands for a known w, so that a motion about it is not refused [m]; no row uses it."""
 
 EXACT = 1e-9
 """A fit error up to this [m, unit force] is rounding: the data agree with the hypothesis exactly."""
@@ -35,8 +30,6 @@ class Hypothesis:
         name: label in the ranking.
         support_points: (n, 2) hypothesised supports in the object frame [m] (section 5.2.2).
         center_of_friction: p_CF (2,) [m] if the hypothesis includes it (section 5.2.1).
-        weights: w (n,), >= 0 with sum 1, if the hypothesis is a known distribution, such as that of a model; then nothing is
-            fitted, and p_CF follows.
 
     Example:
         >>> import numpy as np
@@ -49,7 +42,6 @@ class Hypothesis:
     name: str
     support_points: Array
     center_of_friction: Array | None = None
-    weights: Array | None = None
 
     def turned(self, angle: float, pivot: npt.ArrayLike) -> Hypothesis:
         """The hypothesis rotated by `angle` [rad] about the point `pivot` (2,) [m]; the object frame stays where it is."""
@@ -59,43 +51,7 @@ class Hypothesis:
             return np.asarray((as_array(xy) - place) @ rotation(angle).T + place)
 
         center = self.center_of_friction
-        return Hypothesis(self.name, turned(self.support_points), None if center is None else turned(center), self.weights)
-
-
-@dataclass(frozen=True)
-class _Known(Constraint):
-    """A constraint on a known w: rows of a single column, whose weight is 1."""
-
-    constraint: Constraint
-    support_points: Array
-    weights: Array
-    free: FreeRadii
-
-    def rows(self, observation: Observation, forces: SupportForces) -> ConstraintRows:
-        rows = self.constraint.rows(observation, support_forces(self.support_points, observation.twist, self.free))
-        n = len(self.weights)
-        a = np.column_stack((rows.a[:, :n] @ self.weights, rows.a[:, n:]))
-        return rows._replace(a=a)
-
-    @property
-    def with_scale(self) -> bool:  # type: ignore[override]
-        return self.constraint.with_scale
-
-    @property
-    def needs_force(self) -> bool:  # type: ignore[override]
-        return self.constraint.needs_force
-
-
-def _estimator(hypothesis: Hypothesis, config: EstimatorConfig) -> Estimator:
-    """The program that judges a hypothesis: over its w; if w is known, over one support that stands for all of them."""
-    if hypothesis.weights is None:
-        return Estimator(hypothesis.support_points, config, hypothesis.center_of_friction)
-    support = Support(hypothesis.support_points, hypothesis.weights)
-    # eq. 7 narrows down w; but if w is known, the noise of one observation must not make it impossible
-    terms = replace(config, nonnegative_force=False).constraints
-    free = free_radii(support.points, config)
-    known = tuple(_Known(term, support.points, support.weights, free) for term in terms)
-    return Estimator([support.center_of_friction], replace(config, terms=known, nonnegative_force=False, cor_radius=FREEDOM))
+        return Hypothesis(self.name, turned(self.support_points), None if center is None else turned(center))
 
 
 @dataclass(frozen=True)
@@ -174,7 +130,7 @@ class Recognizer:
         if len(set(names)) < len(names):
             raise ValueError(f"hypotheses must differ in name, got {', '.join(names)}")
         same = replace(config or EstimatorConfig(), tie_break=False, screening=False)  # only fit errors count
-        self._estimators = {hypothesis.name: _estimator(hypothesis, same) for hypothesis in hypotheses}
+        self._estimators = {one.name: Estimator(one.support_points, same, one.center_of_friction) for one in hypotheses}
 
     @property
     def observations(self) -> Observations:

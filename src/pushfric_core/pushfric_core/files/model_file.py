@@ -12,7 +12,6 @@ import yaml
 
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate import Estimate, friction_model
-from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.disk import as_named_here, make_folder, write_whole
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import ObjectFile, ObjectModel, Point, SupportFile, make_object, within
@@ -251,27 +250,6 @@ def prior(path: pathlib.Path, pushed: ObjectModel) -> list[Observation]:
     pushes = list(dict.fromkeys(observation.push_id for observation in data))
     numbers = {push_id: PUSH_IDS - len(pushes) + number for number, push_id in enumerate(pushes)}
     return [replace(observation, push_id=numbers[observation.push_id]) for observation in data]
-
-
-def library(folder: pathlib.Path, pushed: ObjectModel) -> list[Hypothesis]:
-    """The models in a folder as hypotheses, each by the name of its file: what the pushed object may be.
-
-    Raises:
-        InvalidInput: `folder` is not a folder, or holds no model, or a model cannot be read or has another outline than the
-            object.
-    """
-    if not folder.is_dir():
-        raise InvalidInput(f"{folder}: is not a folder, expected a folder of models")
-    found = []
-    for path in sorted(path for path in folder.iterdir() if path.suffix in SUFFIXES):
-        file, model = load_model(path)
-        if model.outline != pushed.outline:
-            raise InvalidInput(f"{path}: has another outline than the pushed object, so it cannot be recognised")
-        weights = np.array(file.w)
-        found.append(Hypothesis(path.stem, model.support_points, weights=weights / weights.sum()))
-    if not found:
-        raise InvalidInput(f"{folder}: holds no model, expected files that `estimate --save` has written")
-    return found
 
 
 def check_name(path: pathlib.Path) -> None:
