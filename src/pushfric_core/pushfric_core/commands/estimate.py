@@ -52,7 +52,7 @@ def estimate(
     out: Annotated[
         pathlib.Path | None,
         typer.Option(
-            help="Folder to write: a table, models and a report, from many inputs or folders of inputs.",
+            help="Folder to write: a table and models, from many inputs or folders of inputs.",
             show_default=False,
         ),
     ] = None,
@@ -61,14 +61,14 @@ def estimate(
     json: JsonOption = None,
     ledger: LedgerOption = None,
 ) -> None:
-    """Exit code 1: do not use an estimate, or the bag does not add up; warnings, or the report of --out, say why.
+    """Exit code 1: do not use an estimate, or the bag does not add up; warnings say why.
 
     With --out, an input that cannot be read does not stop the others. If you interrupt the command, call it again: it goes on.
     """
     choices = Choices(object_name, grid, support_points, settings, partial, namespace)
     if out is not None:
         if figure is not None or save is not None or ledger is not None or samples:
-            raise InvalidInput("--figure, --save, --ledger and --samples are for one input; --out writes models and a report")
+            raise InvalidInput("--figure, --save, --ledger and --samples are for one input; --out writes models and a table")
         usable = _many(inputs, choices, out, jobs, dask, json)
     elif dask is not None:
         raise InvalidInput("--dask is for many inputs: give --out DIR, too")
@@ -123,11 +123,10 @@ def _one(
 def _many(
     sources: list[pathlib.Path], choices: Choices, out: pathlib.Path, jobs: int, dask: str | None, json: str | None
 ) -> bool:
-    # imported late: one estimate needs neither matplotlib nor a bar
+    # imported late: one estimate needs no bar
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    from pushfric_core.offline.many import Line, estimate_many, inputs_of
-    from pushfric_core.offline.summary import counts, mark_outliers, write_summary, write_table
+    from pushfric_core.offline.many import Line, counts, estimate_many, inputs_of, objections, write_table
 
     if pathlib.Path(choices.object_name).is_file():
         choices = dataclasses.replace(choices, object_name=str(pathlib.Path(choices.object_name).absolute()))
@@ -149,14 +148,15 @@ def _many(
             broken = progress.tasks[task].fields["broken"] + ("error" in line)
             progress.update(task, advance=1, broken=broken)
 
-        lines = mark_outliers(estimate_many(inputs, choices, out, jobs, dask, finished))
-    files = [write_table(lines, out), write_summary(lines, out)]
-    number = counts(lines)
-    write_json(to_json(number | {"files": [str(file) for file in files]}), json)
+        lines = estimate_many(inputs, choices, out, jobs, dask, finished)
+    for line in lines:
+        if said := [line["error"]] if "error" in line else [one["text"] for one in objections(line)]:
+            warn(f"{line['input']}: {'; '.join(said)}")
+    table, number = write_table(lines, out), counts(lines)
+    write_json(to_json(number | {"files": [str(table)]}), json)
     if json != STDOUT:
         console.print(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in number.items()), highlight=False)
-        for file in files:
-            say(f"wrote {file}")
+        say(f"wrote {table}")
     return number["usable"] == number["inputs"]
 
 

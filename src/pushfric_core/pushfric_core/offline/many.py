@@ -1,8 +1,9 @@
 """Estimates from many bags and CSVs: a bad input does not stop the others, and an interrupted run goes on where it stopped.
 
-Every finished input adds one line of JSON to `results.jsonl`. The table, the models and the report follow from these lines.
+Every finished input adds one line of JSON to `results.jsonl`, from which the table follows, and a model.
 """
 
+import csv
 import dataclasses
 import hashlib
 import json
@@ -27,7 +28,7 @@ from pushfric_core.files.model_file import save_model
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.records import to_json
 
-RESULTS, MODELS = "results.jsonl", "models"
+RESULTS, MODELS, TABLE = "results.jsonl", "models", "table.csv"
 """Names in the folder of the results."""
 
 Line = dict[str, Any]
@@ -36,6 +37,14 @@ Line = dict[str, Any]
 
 FORMAT = 2
 """Lines of another format are made again."""
+
+
+COLUMNS = (
+    "input", "object", "status", "use", "error", "reasons", "p_cf_x", "p_cf_y", "var_x", "var_y", "cov_xy",
+    "mu_c", "mu_c_low", "mu_c_high", "mu_c_kind", "mu_c_p90", "mu_c_max", "total_friction", "objective", "gap",
+    "data_points", "pushes", "warnings", "model",
+)  # fmt: skip
+"""Those of the table; SI units, object frame."""
 
 
 def inputs_of(sources: Iterable[pathlib.Path]) -> list[pathlib.Path]:
@@ -93,6 +102,36 @@ def estimate_many(
 def objections(line: Line) -> list[dict[str, Any]]:
     """Reasons why the estimate of a line is not to be used, with codes and texts, and what does not add up in its input."""
     return [*line["belief"]["verdict"]["reasons"], *line["doubts"]]
+
+
+def counts(lines: Sequence[Line]) -> dict[str, int]:
+    """How many inputs there are, and what became of them."""
+    use = Counter(None if "error" in line else not objections(line) for line in lines)
+    states = {"usable": use[True], "not_usable": use[False], "broken": use[None]}
+    return {"inputs": len(lines)} | states
+
+
+def write_table(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
+    """Write the table of many estimates; return the file."""
+    with (folder / TABLE).open("w", newline="", encoding="utf-8") as stream:
+        table = csv.DictWriter(stream, COLUMNS)
+        table.writeheader()
+        table.writerows(map(_table_row, lines))
+    return folder / TABLE
+
+
+def _table_row(line: Line) -> Line:
+    row = {name: line[name] for name in COLUMNS if name in line}
+    row["warnings"] = len(line["warnings"])
+    if "belief" in line:
+        row["use"], row["reasons"] = not objections(line), " ".join(one["code"] for one in objections(line))
+        # p_CF is the program's if the pushes do not show how far it is off
+        row["p_cf_x"], row["p_cf_y"] = line["belief"].get("center_of_friction", line["center_of_friction"])
+        mu_c, bounds, unknown = line["belief"].get("mu_c", {}), line["mu_c"], (None, None)
+        (row["var_x"], row["cov_xy"]), (_, row["var_y"]) = line["belief"].get("covariance", (unknown, unknown))
+        row["mu_c"], (row["mu_c_low"], row["mu_c_high"]) = mu_c.get("value"), mu_c.get("interval", unknown)
+        row |= {"mu_c_kind": mu_c.get("kind"), "mu_c_p90": bounds["p90"], "mu_c_max": bounds["max"]}
+    return row
 
 
 def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Path]:
