@@ -1,10 +1,9 @@
-"""The text of `NODE_node --help`, found by asking the node itself."""
+"""Topics, services, actions and parameters of every node, found by asking the node itself."""
 
 import inspect
 import math
 import pathlib
 import tempfile
-import textwrap
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -15,12 +14,9 @@ import yaml
 from pushfric_core import settings
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.messages.types import definition, type_hash
-from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting
-
-WIDTH = 100  # characters
+from pushfric_ros.node_kit.introspection import ROLES, Endpoint, Introspection, Setting, node_class
 
 OF_THE_BAG = "std_msgs/msg/Char"
 """Type of a topic that exists only in the bag; no node has a topic of this type of its own."""
@@ -46,12 +42,11 @@ class Description(NamedTuple):
     settings: list[Setting]
 
 
-def describe(*names: str) -> list[Description]:
-    """Start these nodes, or else every node, in each variant, and ask them."""
+def describe() -> list[Description]:
+    """Start every node, in each variant, and ask it."""
     asked = Introspection(NAMESPACE)
     with tempfile.TemporaryDirectory(prefix="pushfric-interfaces-") as folder:
-        starts = [start for start in _starts(pathlib.Path(folder)) if not names or start.name in names]
-        return [_describe(start, asked) for start in starts]
+        return [_describe(start, asked) for start in _starts(pathlib.Path(folder))]
 
 
 def _starts(folder: pathlib.Path) -> Iterator[Start]:
@@ -95,8 +90,7 @@ def _describe(start: Start, asked: Introspection) -> Description:
     every = sorted({endpoint for label in found for endpoint in found[label]}, key=lambda one: (ROLES.index(one.role), one))
     plain = answers[""]
     endpoints = {one._replace(name=one.name.replace("~", plain.name)): _when(one, found) for one in every}
-    declared = [one for one in plain.settings if not one.name.startswith("qos_overrides.")]  # of topics of the bag
-    return Description(plain.name, " ".join((inspect.getdoc(kind) or "").split()), endpoints, declared)
+    return Description(plain.name, " ".join((inspect.getdoc(kind) or "").split()), endpoints, plain.settings)
 
 
 def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
@@ -107,43 +101,6 @@ def _when(endpoint: Endpoint, found: dict[str, list[Endpoint]]) -> str:
     return f"not with {', '.join(lacking)}" if lacking else ""
 
 
-def print_help(name: str) -> None:
-    """Print what a node does, its parameters and its topics."""
-    (described,) = describe(name)
-    print("\n".join(text(described)))
-
-
-def text(described: Description) -> Iterator[str]:
-    """The lines of the help of a node."""
-    name = described.node
-    yield f"usage: ros2 run pushfric_ros {name}_node [--ros-args [-p PARAMETER:=VALUE] [--params-file FILE] ...]"
-    yield ""
-    yield from textwrap.wrap(described.summary, WIDTH)
-    yield ""
-    yield "parameters, set when the node starts:"
-    for setting in described.settings:
-        within = span(setting)
-        yield f"  {setting.name} ({setting.type}{within and f', {within}'})"
-        what = f"{setting.description}; {'required' if setting.required else f'default: {as_yaml(setting.default)}'}"
-        yield from textwrap.wrap(what, WIDTH, initial_indent="      ", subsequent_indent="      ")
-    yield ""
-    yield "topics, services and actions, relative to the node's namespace:"
-    for endpoint, when in described.endpoints.items():
-        note = f" ({when.replace('`', '')})" if when else ""
-        yield f"  {endpoint.role} {endpoint.name}"
-        yield f"      {endpoint.type}, {endpoint.qos}{note}"
-
-
-def span(setting: Setting) -> str:
-    """The range of a setting; empty if it has none."""
-    return "" if setting.limits is None else limits(*setting.limits)
-
-
 def as_yaml(value: Any) -> str:
     """A value as it stands in one line of YAML."""
     return yaml.safe_dump(value, default_flow_style=True, width=math.inf).removesuffix("...\n").rstrip()
-
-
-def limits(*ends: float | None) -> str:
-    """A range, as 0 to 1; any if it has no such end."""
-    return " to ".join("any" if end is None else str(end) if isinstance(end, int) else f"{end:g}" for end in ends)

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python docs/reference.py`, from any folder
 
+from docs.described_nodes import Description, as_yaml, describe
 from docs.markdown import replaced, table
 from pushfric_core import settings
 from pushfric_core.bags.constants import FOLDER
@@ -16,7 +17,6 @@ from pushfric_core.cell.cell_file import ROOT, SECTIONS, driver_kinds
 from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.vision.sighting import UNMEASURED
 from pushfric_ros.arms.arm import ArmConfig
-from pushfric_ros.commands.node_help import Description, as_yaml, describe
 from pushfric_ros.graph.graph import NAMESPACE
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
@@ -31,7 +31,7 @@ Written by `{COMMAND}`; do not edit.
 [graph.md](graph.md) explains the nodes and topics.
 
 Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only, set when a node starts;
-`ros2 run pushfric_ros NODE_node --help` has their types and ranges. [cell.md](cell.md#all-keys) describes the keys of a cell's
+`ros2 param describe` has their types and ranges. [cell.md](cell.md#all-keys) describes the keys of a cell's
 file. Every node publishes `/diagnostics`. The lists leave out what every ROS 2 node has, the actuator's lifecycle services, and
 the topics of a bag, which the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs.
 [src/pushfric_msgs](../src/pushfric_msgs) has the fields of all its types.

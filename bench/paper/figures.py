@@ -118,11 +118,10 @@ def limit_surface_figure(
         force = Wrench(0.0, 1.0, 0.0)
         section.plot(*closed(surface.cross_section(force, moment).points * scale[1:]).T, color=INK, lw=1.4, label="exact")
         angles = np.linspace(0, 2 * np.pi, 361)
-        for name, ellipsoid, style in (("axes", surface.ellipsoid(), "--"), ("fitted", surface.fitted_ellipsoid(), ":")):
-            form = ellipsoid.form[1:, 1:]
-            # the inverse of a square root of the form takes the circle to the ellipse
-            ellipse = np.column_stack((np.cos(angles), np.sin(angles))) @ np.linalg.inv(np.linalg.cholesky(form))
-            section.plot(*(ellipse * scale[1:]).T, ls=style, color=OTHER, lw=1.4, label=f"ellipsoid, {name}")
+        # the inverse of a square root of the form takes the circle to the ellipse
+        root = np.linalg.cholesky(surface.ellipsoid().form[1:, 1:])
+        ellipse = np.column_stack((np.cos(angles), np.sin(angles))) @ np.linalg.inv(root)
+        section.plot(*(ellipse * scale[1:]).T, ls="--", color=OTHER, lw=1.4, label="ellipsoid")
         section.set(title="Section $f_x = 0$", xlabel="$f_y$ [support friction]", ylabel="$m$ [support friction $\\times$ mm]")
         section.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
         save_figure(figure, path)

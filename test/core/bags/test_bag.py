@@ -103,12 +103,6 @@ def test_what_is_written_is_read_back(cell_bag):
     assert list(Bag(folder / "cell_0.mcap").messages()) == messages
 
 
-def test_read_chooses_topics_and_times(cell_bag):
-    start = 1_700_000_000_000_000_000
-    chosen = Bag(cell_bag[0]).messages(["/cell/observation"], start_ns=start + 1, end_ns=start + 4)
-    assert [content(message).push_id for message in chosen] == [1, 2, 3]
-
-
 def test_messages_come_in_log_time_order_and_equal_times_as_written(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/a", STRING, [offered(RELIABLE)])

@@ -4,6 +4,7 @@ import pathlib
 
 import arm_and_tag
 import pytest
+from composition import compose
 
 from pushfric_core import TABLE_1, InvalidInput
 from pushfric_core.bags.recorded import Recorded
@@ -11,7 +12,6 @@ from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.files.object_file import load_object
 from pushfric_msgs.msg import FrictionEstimate, PusherState
 from pushfric_ros.graph import graph
-from pushfric_ros.graph.composition import compose
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"

@@ -5,8 +5,8 @@ import pathlib
 
 import pytest
 import yaml
+from composition import compose
 
-from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.recorded import ObservationSource
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
@@ -16,7 +16,6 @@ from pushfric_core.pushers.serial_line import open_port
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
-from pushfric_ros.graph.composition import compose
 from pushfric_ros.node_kit.qos import LATCHED
 
 PLAN = "pushes: [{edge: 0, offset: 0.03}, {edge: 2, offset: -0.02}]"
@@ -112,14 +111,6 @@ def test_what_leads_a_run_waits_for_the_view(specs):
         "player": ["view"],
         "view": None,
     }
-
-
-def test_a_refused_node_leaves_no_other_node_behind(ros, specs, tmp_path):
-    broken = [spec if spec.name != "experiment" else graph.NodeSpec("experiment", {"object": "brick"}) for spec in specs]
-    with pytest.raises(InvalidInput, match="no object 'brick'"):
-        compose(broken, graph.NAMESPACE)
-    assert not (tmp_path / "pusher").is_symlink()
-    assert Bag(tmp_path / "bag").damage is None  # it was finished
 
 
 def test_two_simulated_cells_keep_their_own_time(ros, tmp_path):

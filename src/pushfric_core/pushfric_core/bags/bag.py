@@ -121,24 +121,15 @@ class Bag:
         before = "to the end" if gap.before_ns is None else f"to {(gap.before_ns - start) * 1e-9:.3f} s"
         return f"{after} {before}"
 
-    def messages(
-        self, topics: Collection[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
-    ) -> Iterator[BagMessage]:
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """All messages that can be read, in order of log time; those of the same time in the order they were written.
 
         Args:
             topics: full names of the topics to read; None: all.
-            start_ns: first log time to read.
-            end_ns: first log time not to read.
         Raises:
             InvalidInput: a file can no longer be read.
         """
-        filled = [file for file in self._files if file.counts.total()]
-        for message in in_order((file.start_ns, partial(self._read, file, topics)) for file in filled):
-            if end_ns is not None and message.log_time_ns >= end_ns:
-                return
-            if start_ns is None or message.log_time_ns >= start_ns:
-                yield message
+        return in_order((file.start_ns, partial(self._read, file, topics)) for file in self._files if file.counts.total())
 
     def deserialize(self, message: BagMessage) -> Any:
         """The content of a message: an object with an attribute for each field of its type.

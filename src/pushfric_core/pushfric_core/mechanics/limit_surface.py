@@ -40,9 +40,6 @@ RIDGE = 1e-12
 ACROSS_CONE = 65
 """Number of directions of the force across each friction cone."""
 
-WRENCHES = 1000
-"""Number of points of the surface to which the ellipsoid is fitted."""
-
 
 @comparable
 class Facet(NamedTuple):
@@ -249,23 +246,6 @@ class LimitSurface:
     def ellipsoid(self) -> Ellipsoid:
         """The ellipsoid that planners assume; its semi-axes about p_CF are the force of a translation and a turn's moment."""
         return Ellipsoid(self._scaling.T @ self._scaling)
-
-    def fitted_ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid nearest to the surface: least squares of W' A W - 1 over wrenches of all directions.
-
-        Raises:
-            SolverFailed: a motion was not found.
-        """
-        # an even spiral over the sphere
-        height = 1 - (2 * np.arange(WRENCHES) + 1) / WRENCHES
-        turn = np.pi * (3 - math.sqrt(5)) * np.arange(WRENCHES)
-        width = np.sqrt(1 - height**2)
-        scaled = np.column_stack((width * np.cos(turn), width * np.sin(turn), height))
-        scaled /= self._loads(np.linalg.solve(self._scaling, scaled.T).T)[:, None]
-        row, column = np.triu_indices(3)
-        upper = np.zeros((3, 3))
-        upper[row, column] = np.linalg.lstsq(scaled[:, row] * scaled[:, column], np.ones(WRENCHES))[0]
-        return Ellipsoid(self._scaling.T @ (upper + upper.T) @ self._scaling / 2)
 
     def reachable(self, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float) -> Reachable:
         """The wrenches that pushes with one point contact can reach, with forces in the friction cones of the contacts.

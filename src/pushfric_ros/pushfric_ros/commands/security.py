@@ -19,9 +19,8 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.camera import load_camera
 from pushfric_core.vision.frame_source import TOPICS as CAMERA_TOPICS
 from pushfric_ros.graph import graph
-from pushfric_ros.graph.composition import node_class
 from pushfric_ros.graph.graph import NodeSpec
-from pushfric_ros.node_kit.introspection import Endpoint, Introspection
+from pushfric_ros.node_kit.introspection import Endpoint, Introspection, node_class
 from pushfric_ros.node_kit.visit import COMMAND_LINE, enclave
 
 FILE = "policy.xml"

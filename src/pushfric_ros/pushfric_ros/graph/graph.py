@@ -1,4 +1,4 @@
-"""The node graph, defined once: the supervisor, in-process composition and the launch files all start from here."""
+"""The node graph, defined once: the supervisor and the launch files start from here."""
 
 import pathlib
 from collections.abc import Callable, Mapping, Sequence

@@ -9,7 +9,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
 from pushfric_core.bags.samples import stamp_from_msg
@@ -121,11 +120,9 @@ class Diagnostics:
         passed = self._inputs[topic] = _Input(Reception(self._node, kind, topic, count, qos, raw))
         return passed.reception.subscription
 
-    def advertise(self, kind: type, topic: str, qos: QoSProfile, overridable: QoSOverridingOptions | None = None) -> Publisher:
-        """Make a publisher of the node, as Node.create_publisher does; parameters may change the policies in `overridable`."""
-        made = self._outputs[topic] = self._node.create_publisher(
-            kind, topic, qos, qos_overriding_options=overridable, publisher_class=_CountingPublisher
-        )
+    def advertise(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
+        """Make a publisher of the node, as Node.create_publisher does."""
+        made = self._outputs[topic] = self._node.create_publisher(kind, topic, qos, publisher_class=_CountingPublisher)
         made.frame_prefix = self._prefix
         return made
 

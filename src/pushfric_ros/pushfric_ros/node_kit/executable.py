@@ -15,10 +15,14 @@ PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def main() -> None:
-    """Run the node that the executable NAME_node is named after; with --help, describe it."""
+    """Run the node that the executable NAME_node is named after; with --help, say how."""
     # One thread for each process, so that estimates are reproducible to the last bit and no update takes long.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     name = os.path.basename(sys.argv[0]).removesuffix("_node")
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(f"usage: ros2 run pushfric_ros {name}_node [--ros-args [-p PARAMETER:=VALUE] [--params-file FILE] ...]")
+        print("docs/interfaces.md lists parameters, topics and services; ros2 param describe says more while a node runs.")
+        return
     for number in (signal.SIGINT, signal.SIGTERM):  # `run_node` replaces these handlers
         signal.signal(number, lambda *_: os._exit(0))
     if parent := os.environ.get(PARENT):
@@ -31,11 +35,7 @@ def main() -> None:
         if os.getppid() != int(parent):  # the parent has ended already
             sys.exit()
     try:
-        if {"-h", "--help"} & set(sys.argv[1:]):
-            describe = importlib.import_module("pushfric_ros.commands.node_help").print_help
-            importlib.import_module("pushfric_core.commands.program").run(lambda: describe(name))
-        else:
-            importlib.import_module(f"pushfric_ros.nodes.{name}").main()
+        importlib.import_module(f"pushfric_ros.nodes.{name}").main()
     except (ImportError, AttributeError, TypeError) as error:
         importlib.import_module("pushfric_core.commands.dependencies").explain(error)
         raise

@@ -1,5 +1,6 @@
 """The endpoints and parameters of a node, found by asking the node itself."""
 
+import importlib
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -12,9 +13,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from pushfric_core.settings import AUTO
 from pushfric_ros.node_kit.network import apart
-from pushfric_ros.node_kit.parameters import ENDLESS, REQUIRED, overrides
+from pushfric_ros.node_kit.parameters import REQUIRED, overrides
 from pushfric_ros.node_kit.transforms import TYPE as TRANSFORMS
 from pushfric_ros.node_kit.transforms import TransformBroadcaster
 from pushfric_ros.node_kit.visit import Visit
@@ -38,10 +38,8 @@ class Setting(NamedTuple):
     """A parameter of a node."""
 
     name: str
-    type: str
     required: bool
     default: Any  # None if it is required
-    limits: tuple[float | None, float | None] | None  # None: without this end
     description: str
 
 
@@ -51,6 +49,12 @@ class NodeInterface(NamedTuple):
     name: str
     endpoints: list[Endpoint]  # names relative to the namespace, with ~ for the node
     settings: list[Setting]
+
+
+def node_class(name: str) -> Any:
+    """The class of a node of pushfric_ros; its module is loaded only now."""
+    module = importlib.import_module(f"pushfric_ros.nodes.{name}")
+    return getattr(module, "".join(word.capitalize() for word in f"{name}_node".split("_")))
 
 
 class Introspection:
@@ -78,7 +82,7 @@ class Introspection:
         with apart(), Visit(partial(_remembering(kind), namespace=self._namespace, parameter_overrides=given)) as visit:
             node = visit.node
             settings = [
-                _setting(node.get_parameter(name), default, node.describe_parameter(name))
+                _setting(name, default, node.describe_parameter(name))
                 for name, default in node.defaults.items()
                 if name not in self._common_parameters
             ]
@@ -175,17 +179,8 @@ def _qos(qos: QoSProfile) -> str:
     return ", ".join([*words, f"depth {qos.depth}"])
 
 
-def _setting(parameter: Parameter, default: Any, descriptor: ParameterDescriptor) -> Setting:
+def _setting(name: str, default: Any, descriptor: ParameterDescriptor) -> Setting:
     required = descriptor.additional_constraints.startswith(REQUIRED)
-    kind = parameter.type_.name.lower().replace("_array", "[]")
-    if default == AUTO and descriptor.dynamic_typing:
-        kind = "double or string"
-    spans = [(span.from_value, span.to_value) for span in (*descriptor.integer_range, *descriptor.floating_point_range)]
-    limits = (_end(spans[0][0]), _end(spans[0][1])) if spans else None
     # a list without entries is declared by its type alone
     value = None if required else [] if default is None else [*default] if isinstance(default, tuple) else default
-    return Setting(parameter.name, kind, required, value, limits, descriptor.description)
-
-
-def _end(value: float) -> float | None:
-    return value if abs(value) < ENDLESS else None
+    return Setting(name, required, value, descriptor.description)

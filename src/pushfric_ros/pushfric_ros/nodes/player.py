@@ -5,12 +5,11 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidParameterTypeException, InvalidTopicNameException
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock as ClockMsg
@@ -37,16 +36,12 @@ ACKNOWLEDGE_WITHIN_NS = 5_000_000_000  # of wall time
 DEFAULT_DEPTH = 10
 DEPTH_LIMIT = 10_000  # most messages kept for late acknowledgements, whatever the bag says
 LATE = 1.0  # of wall time [s]; a player that is later than this warns
-OVERRIDABLE = QoSOverridingOptions(
-    (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY)
-)
 
 
 class PlayerNode(Node):
     """Plays a bag on a steady wall clock; ~/pause (std_srvs/SetBool) holds and resumes it.
 
-    Every topic is offered reliably. Otherwise the QoS is that of the recorded publishers, unless parameters
-    qos_overrides.TOPIC.publisher.POLICY override it.
+    Every topic is offered reliably. Otherwise the QoS is that of the recorded publishers.
     """
 
     def __init__(self, **kwargs: Any) -> None:
@@ -60,19 +55,15 @@ class PlayerNode(Node):
         summary = self._bag.summary
         if not summary.message_count:
             raise InvalidInput(f"{config.bag}: holds no messages, expected some to play")
-        self._begin_ns = summary.start_ns + round(config.start * 1e9)
-        if self._begin_ns > summary.end_ns:
-            length = (summary.end_ns - summary.start_ns) * 1e-9
-            raise InvalidInput(f"{config.bag}: start must lie within its {length:.3f} s, got {config.start}")
+        self._begin_ns = summary.start_ns
         played = self._chosen(summary.topics)
         classes = [recorded_class(topic) for topic in played]
-        qos = {topic.name: _offered(topic) for topic in played}
         self._diagnostics = Diagnostics(self, self._health)
         self._outputs: dict[str, Publisher] = {
-            topic.name: self._publisher(topic.name, kind, qos[topic.name]) for topic, kind in zip(played, classes, strict=True)
+            topic.name: self._diagnostics.advertise(kind, topic.name, _offered(topic))
+            for topic, kind in zip(played, classes, strict=True)
         }
         self._played = tuple(self._outputs)
-        self._latched = [name for name in qos if qos[name].durability == DurabilityPolicy.TRANSIENT_LOCAL]
         if config.clock:
             self._outputs[CLOCK_TOPIC] = self._diagnostics.advertise(ClockMsg, CLOCK_TOPIC, RELIABLE)
         self._awaited = [self._outputs[name] for name in self._names("wait_for", config.wait_for, self._outputs)]
@@ -91,21 +82,11 @@ class PlayerNode(Node):
         """Whether all is played, and acknowledged by the subscribers that acknowledge messages."""
         return self._timer.is_canceled()
 
-    def _publisher(self, name: str, kind: type, qos: QoSProfile) -> Publisher:
-        """Create the publisher of a topic; rclpy writes the overrides into `qos`."""
-        try:
-            return self._diagnostics.advertise(kind, name, qos, OVERRIDABLE)
-        except (InvalidParameterTypeException, RuntimeError, ValueError) as error:
-            where = f"{self.get_fully_qualified_name()}: parameters qos_overrides.{name}.publisher"
-            raise InvalidInput(f"{where} must be a QoS: {error}") from error
-
     def _chosen(self, topics: tuple[Topic, ...]) -> list[Topic]:
         recorded = [topic.name for topic in topics]
         wanted = self._names("topics", self._config.topics, recorded) or recorded
-        unwanted = self._names("exclude_topics", self._config.exclude_topics, recorded)
-        if self._config.clock:
-            unwanted.append(CLOCK_TOPIC)  # two clocks would contradict each other
-        return [topic for topic in topics if topic.name in wanted and topic.name not in unwanted]
+        # two clocks would contradict each other
+        return [one for one in topics if one.name in wanted and not (self._config.clock and one.name == CLOCK_TOPIC)]
 
     def _names(self, parameter: str, texts: tuple[str, ...], known: Collection[str]) -> list[str]:
         """Full names of the topics that a parameter lists."""
@@ -125,19 +106,12 @@ class PlayerNode(Node):
 
     def _await_subscribers(self) -> None:
         if not self._paused and not self._nodes.missing and all(output.get_subscription_count() for output in self._awaited):
-            self._rewind()
+            self._messages = self._bag.messages(self._played)
+            self._next = next(self._messages, None)
+            self._next_clock_ns = self._begin_ns
+            self._publish_clock()
+            self._anchor(self._begin_ns)
             self._call_in(0, self._play)
-
-    def _rewind(self) -> None:
-        """Go to where playing begins, and publish the messages that were latched there again."""
-        self._messages = self._bag.messages(self._played, self._begin_ns)
-        self._next = next(self._messages, None)
-        self._next_clock_ns = self._begin_ns
-        self._publish_clock()
-        latched = {message.topic: message for message in self._bag.messages(self._latched, end_ns=self._begin_ns)}
-        for message in latched.values():
-            self._publish(message)
-        self._anchor(self._begin_ns)
 
     def _play(self) -> None:
         """Publish what is due, and come back when the next message is due."""
@@ -159,10 +133,6 @@ class PlayerNode(Node):
         self._call_in(WATCH_PERIOD_NS if self._paused else max(0, round(wait_ns / self._config.rate)), self._play)
 
     def _end(self) -> None:
-        if self._config.loop:
-            self._rewind()
-            self._call_in(0, self._play)
-            return
         self.get_logger().info(f"{counted(self._count, 'message')} played")
         self._give_up_ns = self._wall.now().nanoseconds + ACKNOWLEDGE_WITHIN_NS
         self._call_in(0, self._await_acknowledgements)
