@@ -54,7 +54,7 @@ def setup(app):
 """
 
 PARTS = {
-    "Learn": ("tutorial", "install", "bag_to_prediction", "data_to_verdict", "glossary"),
+    "Learn": ("tutorial", "install", "data_to_verdict", "glossary"),
     "Operate": ("hardware", "calibrate", "cell", "safety", "security", "view", "graph", "interfaces", "reliability"),
     "Research": ("estimation", "derivation", "pushes", "public_data", "paper", "files", "many"),
     "Plan": ("planning", "limit_surface", "conventions"),

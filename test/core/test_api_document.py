@@ -15,8 +15,7 @@ HEAD = """\
 
 Made by `python3 test/core/test_api_document.py`. Every name is imported as in `from pushfric_core import Estimator`;
 `help(Estimator)`, or the page *Python* of the site that `./pushfric docs` builds, has what it does, its members, shapes, units,
-frames, errors and an example. The notebooks [from a bag to a prediction](bag_to_prediction.md) and [from your own data to a
-verdict](data_to_verdict.md) begin like this:
+frames, errors and an example. It begins like this:
 
 ```python
 from pushfric_core import friction_model, load, predict

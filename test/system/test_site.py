@@ -62,7 +62,6 @@ def test_the_front_page_has_the_film_a_command_and_three_doors(site):
 @pytest.mark.parametrize(
     ("page", "outputs", "pictures", "said"),
     [
-        ("bag_to_prediction", 5, 2, "72 observations of 14 pushes; may be used"),
         ("data_to_verdict", 6, 1, "omega is in deg"),
     ],
 )

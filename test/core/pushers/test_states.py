@@ -1,11 +1,7 @@
-"""The state tables of the actuator and of the serial drivers, exhaustively; and docs/safety.md, which shows the first.
-
-`python3 test/core/pushers/test_states.py` writes the table of docs/safety.md again.
-"""
+"""The state tables of the actuator and of the serial drivers, exhaustively."""
 
 import itertools
 import pathlib
-import re
 from collections import deque
 from enum import Enum
 
@@ -484,41 +480,3 @@ def test_an_actuator_goes_from_state_to_state(name):
         state = state if following is None else following.state
         assert state >= members, event
         assert actions is ANYTHING or actions == (REFUSED if following is None else list(following.actions)), event
-
-
-# The document
-
-
-def drawn(table) -> str:
-    """A table in Markdown."""
-    lines = ["| what happens | if | then | the actuator does |", "|---|---|---|---|"]
-    for row in table:
-        cells = ("; ".join(grouped(members)) for members in (row.events, row.when, row.then))
-        lines.append(f"| {' | '.join(cells)} | {row.do.value if row.do else ''} |")
-    return "\n".join(lines)
-
-
-def grouped(members):
-    """Alternatives in one text, enumeration by enumeration."""
-    order = [Event, DriverEvent, *NODE_STATE, *DRIVER_STATE, *NODE_FACTS, *DRIVER_FACTS]
-    for kind in sorted(kinds(members), key=order.index):
-        ours = [member for member in kind if member in members]
-        missing = [member for member in kind if member not in members]
-        yield f"not {missing[0].value}" if len(missing) == 1 < len(ours) else " or ".join(member.value for member in ours)
-
-
-def document(text: str) -> str:
-    """The document with the actuator's table drawn again, between two marks."""
-    marks = "<!-- actuator -->", "<!-- end of actuator -->"
-    between = re.compile(f"{marks[0]}.*{marks[1]}", re.DOTALL)
-    assert between.search(text)
-    return between.sub(f"{marks[0]}\n\n{drawn(ACTUATOR)}\n\n{marks[1]}", text)
-
-
-def test_the_document_shows_the_table():
-    text = DOCUMENT.read_text(encoding="utf-8")
-    assert text == document(text)
-
-
-if __name__ == "__main__":
-    DOCUMENT.write_text(document(DOCUMENT.read_text(encoding="utf-8")), encoding="utf-8")
