@@ -213,7 +213,7 @@ USERS = {
     "matplotlib": ["estimate", "bags/rubber_rect4", "--figure", "OUT.png"],
     "numpy": ["estimate", "bags/rubber_rect4"],
     "serial": ["rehearse", "docs/example_cell/cell.yaml"],
-    "tornado": ["calibrate", "table", "pictures", "--camera", "OUT.yaml", "--view", "0"],
+    "tornado": ["edit", "OUT.yaml", "--port", "0"],
     "typer": ["--version"],
 }
 """A command that loads the module."""

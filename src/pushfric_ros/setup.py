@@ -48,8 +48,6 @@ setup(
             "twist = pushfric_ros.arms.twist:TwistConfig",
         ],
         "pushfric.sources": [
-            "odometry = pushfric_ros.adapters.body:OdometryConfig",
-            "pose_array = pushfric_ros.adapters.body:PoseArrayConfig",
             "pose_stamped = pushfric_ros.adapters.body:PoseStampedConfig",
             "transforms = pushfric_ros.adapters.body:TransformsConfig",
         ],

@@ -159,8 +159,6 @@ def test_the_bad_push_is_an_outlier_and_the_test_pushes_slip(seed):
 def test_the_two_rods_reach_the_same_wrenches():
     numbers, drawings = rods()
     assert numbers["largest_difference_of_reachable_wrenches"] == pytest.approx(0, abs=1e-9)
-    assert numbers["deviations_without_friction"] == pytest.approx(0, abs=1e-6)
-    assert numbers["deviations_with_mu_c_1"] > 3
     # a turn about the middle: half the friction times the length for two supports, two thirds of it for three
     assert [rod.section[:, 1].max() for rod in drawings] == pytest.approx([1.0, 2 / 3])
 

@@ -8,7 +8,7 @@ from pushfric_core import TABLE_1, SolverFailed, Support, Touch, UninformativePu
 from pushfric_core.geometry.contact import friction_cone
 from pushfric_core.geometry.planar import Twist, Wrench, cross, rotation, velocity_at
 from pushfric_core.mechanics import limit_surface
-from pushfric_core.mechanics.limit_surface import Ellipsoid, LimitSurface, Measurement, separation
+from pushfric_core.mechanics.limit_surface import Ellipsoid, LimitSurface
 from pushfric_core.mechanics.quasi_static import ContactMode
 from pushfric_core.mechanics.simulation import pushed_motion
 
@@ -20,8 +20,6 @@ ROD_3 = Support(HALF * np.array(((-1, 0), (0, 0), (1, 0))), np.full(3, 1 / 3))
 RODS = (ROD_2, ROD_3)
 
 FY, M = Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0)
-
-CAMERA = Measurement(travel=0.003, position=1e-4, angle=np.deg2rad(0.12))
 
 
 def random_support(seed):
@@ -228,33 +226,6 @@ def test_reachable_wrenches_lie_in_the_friction_cone_of_their_contact():
     assert np.sum(reachable.wrenches * reachable.twists, axis=2) == pytest.approx(np.ones(reachable.twists.shape[:2]))
 
 
-def test_the_rods_of_figure_12_cannot_be_distinguished_without_friction():
-    contacts = along_rod(np.linspace(-HALF, HALF, 41))
-    for truth, other in (RODS, RODS[::-1]):
-        found = separation(truth, other, *contacts, 0.0, CAMERA)
-        assert found.deviations == pytest.approx(0, abs=1e-6)
-
-
-def test_with_friction_they_can():
-    """The third support shows as soon as a force leaves the facets that both rods share."""
-    contacts = along_rod(np.linspace(-HALF, HALF, 41))
-    for truth, other in (RODS, RODS[::-1]):
-        found = separation(truth, other, *contacts, 1.0, CAMERA)
-        assert found.deviations > 3
-        assert found.twist.vx != pytest.approx(0, abs=0.1)
-
-
-@pytest.mark.parametrize(("place", "distinct"), [(1.9, False), (2.1, True), (-3.0, True)])
-def test_with_contacts_beyond_twice_their_half_length_they_can(place, distinct):
-    """The edges that the cross-sections share end at m = 2 fy, in units of half the length. There the rod on three supports
-    turns about its middle, while the other one still turns about its far end."""
-    for truth, other in (RODS, RODS[::-1]):
-        found = separation(truth, other, *along_rod(np.array((0.0, place * HALF))), 0.0, CAMERA)
-        assert (found.deviations > 3) is distinct
-        if distinct:
-            assert found.contact == 1
-
-
 # what is refused
 
 
@@ -274,8 +245,6 @@ def test_a_motion_that_is_not_found_is_an_error(monkeypatch):
         (lambda: LimitSurface(ROD_2).cross_section(FY, M, 3), "count must be at least 4, got 3"),
         (lambda: LimitSurface(ROD_2).reachable(np.zeros(2), np.zeros(2), 0.1), r"must both be \(k, 2\)"),
         (lambda: LimitSurface(ROD_2).reachable(*along_rod(np.zeros(1)), -0.1), "mu_c must be at least 0 and finite, got -0.1"),
-        (lambda: separation(*RODS, np.zeros((0, 2)), np.zeros((0, 2)), 0.1, CAMERA), "at least one contact"),
-        (lambda: separation(*RODS, *along_rod(np.zeros(1)), 0.1, CAMERA._replace(angle=0.0)), "errors .* must be positive"),
         (lambda: Ellipsoid(np.diag((1.0, 1.0, 0.0))), r"form must be \(3, 3\), symmetric and positive definite"),
         (lambda: Ellipsoid(np.eye(3)).wrench(Twist(0, 0, 0)), "twist must be three finite numbers"),
     ],

@@ -25,7 +25,6 @@ from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.records import to_json
 from pushfric_core.vision.board import Board
 from pushfric_core.vision.calibration import (
-    ErrorMap,
     calibrate_table,
     lens_from_frames,
     read_table_points,
@@ -117,10 +116,6 @@ def table(
     columns: Columns = Board.columns,
     rows: Rows = Board.rows,
     square: Square = Board.square,
-    figure: Annotated[
-        pathlib.Path | None,
-        typer.Option(help="Draw a map of the expected errors to this file (.png, .svg, .pdf).", show_default=False),
-    ] = None,
     namespace: NamespaceOption = NAMESPACE,
 ) -> None:
     """Calibrate the table from the board lying on it, or from at least four measured points; adds it to the camera's YAML.
@@ -128,10 +123,6 @@ def table(
     The lower left corner of the board becomes the origin of the table frame, with x to the right and y up as printed. If the
     board is small in the image, lay it in several places, one after the other: the first place gives the table frame.
     """
-    if figure is not None:
-        from pushfric_core.files.figure_file import check_image_name  # imported late: it takes a second
-
-        check_image_name(figure)
     known = load_lens(camera)
     with telling_what_is_left(lambda: f"no calibration of the table was written to {camera}"):
         if source.endswith(".csv"):
@@ -148,30 +139,6 @@ def table(
         f"a place anywhere in the image is off by {1e3 * np.median(found.map.errors):.3f} mm (1 sigma, median),"
         f" {1e3 * found.map.errors.max():.3f} mm at worst",
     )
-    if figure is not None:
-        _draw_errors(figure, found.map)
-
-
-def _draw_errors(path: pathlib.Path, found: ErrorMap) -> None:
-    """A map of the errors that the camera's calibration makes in places on the table."""
-    # imported late: it takes a second
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    from pushfric_core.estimation.picture import MILLIMETRE, STYLE
-    from pushfric_core.files.figure_file import save_figure
-
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6.4, 4.6), layout="constrained")
-        axes = figure.subplots()
-        x, y = np.moveaxis(MILLIMETRE * found.places, -1, 0)
-        shown = axes.contourf(x, y, MILLIMETRE * found.errors, levels=8, cmap="viridis")
-        axes.plot(0, 0, "+", color="white", ms=10)
-        axes.annotate("origin", (0, 0), (4, 4), textcoords="offset points", color="white")
-        axes.set(title="Error of a place on the table, 1 sigma", xlabel="x [mm]", ylabel="y [mm]")
-        axes.set_aspect("equal")
-        figure.colorbar(shown, label="mm")
-        save_figure(figure, path)
 
 
 def _board(columns: int, rows: int, square: float) -> Board:

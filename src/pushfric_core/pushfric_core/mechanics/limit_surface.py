@@ -1,4 +1,4 @@
-"""The limit surface of a support friction distribution, ellipsoids in its place, and which supports a push can distinguish.
+"""The limit surface of a support friction distribution, and an ellipsoid in its place.
 
 The limit surface is the locus of the wrenches W = (fx, fy, m) that a pusher applies to the sliding object, opposite to the
 support friction. The motion V = (vx, vy, omega) is parallel to its outward normal at W (section 6.3). W and V are about the
@@ -344,77 +344,6 @@ class LimitSurface:
         shift = -np.linalg.solve(hessian, slope[..., None])[..., 0]
         step = np.sum(shift[..., None] * directions, axis=1)
         return NewtonStep(speeds @ self._support.weights, step, -np.sum(slope * shift, axis=1))
-
-
-class Measurement(NamedTuple):
-    """How a vision system sees a motion: as a displacement of the object, with errors of these standard deviations."""
-
-    travel: float  # of the contact point between the two poses that are compared [m]
-    position: float  # error of each coordinate of the object-frame origin's displacement [m]
-    angle: float  # error of the rotation [rad]
-
-
-class Separation(NamedTuple):
-    """The push whose motion best distinguishes two objects: M observations of it are enough beyond 3 / sqrt(M) deviations."""
-
-    deviations: float  # distance from its motion to the nearest one of the other object, in standard deviations
-    contact: int  # index of the contact
-    twist: Twist  # its motion, of unit dissipation
-
-
-def separation(
-    truth: Support,
-    other: Support,
-    contact_points: npt.ArrayLike,
-    contact_normals: npt.ArrayLike,
-    mu_c: float,
-    measurement: Measurement,
-) -> Separation:
-    """How well pushes distinguish an object of support `truth` from one of support `other`, by motions alone (section 6.3).
-
-    A push at a contact may cause any of the motions on the reachable part of the limit surface there. What counts is how far
-    the motions of the truth come from all of those that the other support allows at the same contact. Swap the two for the
-    converse: all motions of one may be among those of the other.
-
-    Args:
-        truth: support friction distribution of the object that is pushed.
-        other: the hypothesis to be refuted.
-        contact_points: (k, 2), k >= 1 [m].
-        contact_normals: (k, 2) unit, outward.
-        mu_c: contact friction coefficient.
-        measurement: travel > 0 and errors > 0.
-    Raises:
-        ValueError: as `LimitSurface` and its `reachable`; no contact; a travel or an error that is not positive.
-        SolverFailed: a motion was not found.
-    """
-    if not min(measurement) > 0:
-        raise ValueError(f"travel and errors of the measurement must be positive, got {tuple(measurement)}")
-    points = as_array(contact_points)
-    true, allowed = (LimitSurface(support).reachable(points, contact_normals, mu_c).twists for support in (truth, other))
-    if not len(points):
-        raise ValueError("a separation needs at least one contact")
-    seen, explained = (_displacements(twists, points, measurement) for twists in (true, allowed))
-    distances = np.array([_distances(here, there) for here, there in zip(seen, explained, strict=True)])
-    contact, push = np.unravel_index(np.argmax(distances), distances.shape)
-    return Separation(float(distances[contact, push]), int(contact), Twist(*true[contact, push].tolist()))
-
-
-def _displacements(twists: Array, points: Array, measurement: Measurement) -> Array:
-    """Displacements (k, s, 3) of motions (k, s, 3) at contacts (k, 2), in standard deviations of their measurement."""
-    contact_velocities = twists[..., :2] + twists[..., 2:] * left_of(points)[:, None]
-    durations = measurement.travel / np.linalg.norm(contact_velocities, axis=2, keepdims=True)
-    return np.asarray(twists * durations / (measurement.position, measurement.position, measurement.angle))
-
-
-def _distances(points: Array, curve: Array) -> Array:
-    """Distances (s,) of points (s, 3) to a polyline (t, 3)."""
-    starts, edges = curve[:-1], np.diff(curve, axis=0)
-    if not len(edges):
-        return np.asarray(np.linalg.norm(points - curve, axis=1))
-    offsets = points[:, None] - starts
-    squares = np.maximum(np.sum(edges**2, axis=1), LEAST_DIVISOR)
-    along = np.clip(np.sum(offsets * edges, axis=2) / squares, 0.0, 1.0)
-    return np.asarray(np.linalg.norm(offsets - along[..., None] * edges, axis=2).min(axis=1))
 
 
 def _checked(name: str, values: Wrench | Twist) -> Array:

@@ -1,1 +1,1 @@
-"""Bodies in the messages of other trackers and robots (PoseStamped, Odometry, PoseArray, TF)."""
+"""Bodies in the messages of other trackers and robots (PoseStamped, TF)."""

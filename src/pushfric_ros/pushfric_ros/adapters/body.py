@@ -1,7 +1,6 @@
-"""Tracked bodies in the messages of other systems, and the sources of a single topic.
+"""Tracked bodies in the messages of other systems.
 
-PoseStamped comes from most motion capture drivers, visual trackers, and as the pose of an arm's tool; Odometry from mobile
-robots, and trackers with a filter of their own; PoseArray from motion capture that publishes all its bodies in one message.
+PoseStamped comes from most motion capture drivers, visual trackers, and as the pose of an arm's tool.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from pushfric_core.cell.mount import Body
-from pushfric_core.settings import check_ranges, setting
+from pushfric_core.settings import setting
 
 
 class Source(Protocol):
@@ -38,24 +37,19 @@ class SourceDriver(Protocol):
         """The source."""
 
 
-class Single:
-    """A source with a single topic.
+class Poses:
+    """The body in a topic of geometry_msgs/PoseStamped.
 
     Args:
-        topic: name of the topic.
-        type_name: package/msg/Type.
-        quality: one of `messages.qos.QUALITIES`.
-        found: the body in a message.
+        topic: its name.
     """
 
-    def __init__(self, topic: str, type_name: str, quality: str, found: Any) -> None:
-        self.topics = {topic: (type_name, quality)}
-        self._found = found
+    def __init__(self, topic: str) -> None:
+        self.topics = {topic: ("geometry_msgs/msg/PoseStamped", "sensor_data")}
 
     def body(self, topic: str, msg: Any) -> Body | None:
         """The body in a message."""
-        found: Body | None = self._found(msg)
-        return found
+        return Body.of(msg.header.stamp, msg.pose.position, msg.pose.orientation)
 
 
 def chain(path: Sequence[Body]) -> Body:
@@ -74,49 +68,7 @@ class PoseStampedConfig:
 
     def open_source(self) -> Source:
         """The source."""
-        return Single(
-            self.topic,
-            "geometry_msgs/msg/PoseStamped",
-            "sensor_data",
-            lambda msg: Body.of(msg.header.stamp, msg.pose.position, msg.pose.orientation),
-        )
-
-
-@dataclass(frozen=True)
-class PoseArrayConfig:
-    """A body among several on a topic."""
-
-    topic: str = setting("poses", "name of the topic, geometry_msgs/PoseArray")
-    index: int = setting(0, "place of the body in the array, from 0", 0, 10_000)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-    def open_source(self) -> Source:
-        """The source."""
-        return Single(self.topic, "geometry_msgs/msg/PoseArray", "sensor_data", self._found)
-
-    def _found(self, msg: Any) -> Body | None:
-        if self.index >= len(msg.poses):
-            raise ValueError(f"a message has {len(msg.poses)} poses, none with the index {self.index}")
-        pose = msg.poses[self.index]
-        return Body.of(msg.header.stamp, pose.position, pose.orientation)
-
-
-@dataclass(frozen=True)
-class OdometryConfig:
-    """A topic of odometry, whose pose is used."""
-
-    topic: str = setting("odom", "name of the topic, nav_msgs/Odometry")
-
-    def open_source(self) -> Source:
-        """The source."""
-        return Single(
-            self.topic,
-            "nav_msgs/msg/Odometry",
-            "sensor_data",
-            lambda msg: Body.of(msg.header.stamp, msg.pose.pose.position, msg.pose.pose.orientation),
-        )
+        return Poses(self.topic)
 
 
 MOVING, FIXED = "/tf", "/tf_static"
