@@ -70,11 +70,6 @@ def surface_of(form):
     return ellipsoid, ellipsoid.wrench(TWIST), ellipsoid.twist(WRENCH)
 
 
-def quartic(coefficients):
-    made = pushfric_core.Quartic(coefficients)
-    return made, made.load(WRENCH), made.twist(WRENCH)
-
-
 def outline(vertices):
     made = pushfric_core.Outline(vertices)
     return made, made.edges, made.lengths, made.normals, made.grid(5, 4), made.polygon
@@ -202,9 +197,6 @@ ROWS = {
     ),
     "Support": (known_support, {"points": POINTS, "weights": W[0]}),
     "NamedEllipsoid": (lambda center: pushfric_core.NamedEllipsoid(1.0, 0.03, center).form(), {"center": (0.01, 0.02)}),
-    "Quartic": (quartic, {"coefficients": pushfric_core.convex_quartic(SUPPORT).coefficients}),
-    "Quartic.load": (pushfric_core.convex_quartic(SUPPORT).load, {"wrench": WRENCH}),
-    "Quartic.twist": (pushfric_core.convex_quartic(SUPPORT).twist, {"wrench": WRENCH}),
 }
 """For each function that takes arrays: what calls it, and the arrays."""
 

@@ -7,7 +7,7 @@ What to call, by task:
   makes observations of poses and pusher states;
 - use: `friction_model` of an estimate, then `predict`, `predict_strokes`, `motion_cone`, `stability`, `export`;
 - choose: `next_pushes` for p_CF, `slip_pushes` for mu_c; `Recognizer` tells known objects apart;
-- simulate: `PushedObject`, `pushed_motion`; with `LimitSurface`, `named_ellipsoid`, `convex_quartic`.
+- simulate: `PushedObject`, `pushed_motion`; with `LimitSurface`, `named_ellipsoid`.
 
 The names below are the public interface. Each is loaded when it is first used, so importing the package costs next to nothing.
 What needs an extra (bags, pictures, tables) imports its packages when it is called; if one is missing, the error names it and
@@ -68,8 +68,6 @@ if TYPE_CHECKING:
     from pushfric_core.geometry.support import Support as Support, SupportForces as SupportForces
     from pushfric_core.mechanics.surface_models import (
         NamedEllipsoid as NamedEllipsoid,
-        Quartic as Quartic,
-        convex_quartic as convex_quartic,
         named_ellipsoid as named_ellipsoid,
     )
     from pushfric_core.geometry.table_1 import TABLE_1 as TABLE_1
@@ -114,7 +112,7 @@ _MODULES = {  # the same as above: a test compares them
     "solvers.program": ["Loss", "Optimum", "Solver", "Status"],
     "mechanics.strokes": ["Strokes", "predict_strokes"],
     "geometry.support": ["Support", "SupportForces"],
-    "mechanics.surface_models": ["NamedEllipsoid", "Quartic", "convex_quartic", "named_ellipsoid"],
+    "mechanics.surface_models": ["NamedEllipsoid", "named_ellipsoid"],
     "geometry.table_1": ["TABLE_1"],
     "trajectories.samples": ["PoseSample", "PusherSample", "TrajectoryConfig"],
     "trajectories.trajectory": ["Trajectory"],

@@ -20,7 +20,6 @@ from pushfric_core import (
     Estimator,
     HalfPlanes,
     Recognizer,
-    convex_quartic,
     load,
     named_ellipsoid,
     next_pushes,
@@ -161,7 +160,6 @@ def by_python(case, model):
         "limit surface": [
             ellipsoid.m_max,
             *ellipsoid.center,
-            *convex_quartic(friction.support).coefficients,
             *wrenches.ravel(),
         ],
     }
@@ -209,8 +207,7 @@ def by_model(path, folder):
     """The answers of the commands to a model, and of the model in Python."""
     friction = load_model(path)[0].friction()
     ellipsoid, (wrenches, _) = named_ellipsoid(friction.support), surface_samples(friction.support)
-    quartic = convex_quartic(friction.support).coefficients
-    return plain(planned(path, folder) | {"limit surface": [ellipsoid.m_max, *ellipsoid.center, *quartic, *wrenches.ravel()]})
+    return plain(planned(path, folder) | {"limit surface": [ellipsoid.m_max, *ellipsoid.center, *wrenches.ravel()]})
 
 
 def header(msg):
@@ -287,7 +284,7 @@ def by_node(ros, case, model):
         },
         "next push": [[one.edge, one.offset, one.angle, one.expected_area] for one in region.next_pushes],
         "limit surface": [
-            *(surface.m_max, surface.center.x, surface.center.y, *surface.quartic),
+            *(surface.m_max, surface.center.x, surface.center.y),
             *(number for one in surface.wrenches for number in (one.force.x, one.force.y, one.torque.z)),
         ],
     }

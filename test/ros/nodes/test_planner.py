@@ -1,7 +1,5 @@
 """The planner's answers: what the core predicts from the same observations, over the real middleware."""
 
-from importlib.resources import files
-
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point
@@ -15,9 +13,10 @@ from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.planar import Pose, Wrench
 from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_core.mechanics.limit_surface import LimitSurface
 from pushfric_core.mechanics.prediction import motion_cone, predict
 from pushfric_core.mechanics.strokes import predict_strokes
-from pushfric_core.mechanics.surface_models import EXPONENTS, Quartic, named_ellipsoid
+from pushfric_core.mechanics.surface_models import named_ellipsoid
 from pushfric_msgs.msg import Basis, FrictionModel, Observation
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import observation_to_msg
@@ -240,26 +239,15 @@ def test_the_limit_surface_comes_in_the_forms_of_planners(ros):
     assert (msg.object, msg.header.frame_id, msg.contact_friction) == (NAME, "object", model.mean_mu_c)
     assert (msg.f_max, msg.m_max) == (1, ellipsoid.m_max)
     assert (msg.center.x, msg.center.y) == pytest.approx(tuple(model.support.center_of_friction))
-    assert msg.quartic_twist_error < msg.ellipsoid_twist_error < 0.3
-    quartic = Quartic(np.array(msg.quartic))
-    loads = [quartic.load(Wrench(w.force.x, w.force.y, w.torque.z)) for w in msg.wrenches]
-    assert np.sqrt(np.mean((np.array(loads) - 1) ** 2)) == pytest.approx(msg.quartic_load_error)
+    assert 0 < msg.ellipsoid_twist_error < 0.3
+    exact = LimitSurface(model.support)
+    loads = [exact.load(Wrench(w.force.x, w.force.y, w.torque.z)) for w in msg.wrenches]
+    assert loads == pytest.approx(np.ones(len(loads)))
     work = [
         w.force.x * t.linear.x + w.force.y * t.linear.y + w.torque.z * t.angular.z
         for w, t in zip(msg.wrenches, msg.twists, strict=True)
     ]
     assert work == pytest.approx(np.ones(len(work)))  # unit dissipation
-
-
-def test_the_message_lists_the_coefficients_in_order():
-    names = ["fx", "fy", "m"]
-    terms = [
-        " ".join(name if power == 1 else f"{name}^{power}" for name, power in zip(names, powers, strict=True) if power)
-        for powers in EXPONENTS
-    ]
-    text = (files("pushfric_msgs") / "../../../../share/pushfric_msgs/msg/LimitSurface.msg").read_text()
-    comment = " ".join(line.partition("#")[2].strip() for line in text.split("float64[15] quartic")[1].splitlines()[:2])
-    assert comment.removeprefix("coefficients of ").split(" [")[0] == ", ".join(terms)
 
 
 WRONG = [

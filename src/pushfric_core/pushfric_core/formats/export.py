@@ -8,7 +8,6 @@ from pushfric_core.formats.mjcf import mjcf
 from pushfric_core.formats.sdf import sdf
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.mechanics.prediction import FrictionModel
-from pushfric_core.mechanics.surface_models import convex_quartic
 
 FORMAT = 1
 """Version of the JSON."""
@@ -42,7 +41,6 @@ def json(body: ExportedBody) -> dict[str, str]:
             "motion_error": feet.error.twist,
         },
         "ellipsoid": {"f_max": body.ellipsoid.f_max, "m_max": body.ellipsoid.m_max},
-        "quartic": convex_quartic(friction.support).coefficients.tolist(),
     }
     return {f"{body.file_name}.json": jsons.dumps(content, indent=1) + "\n"}
 

@@ -1,25 +1,18 @@
-"""Limit surfaces as planners write them down: the ellipsoid that most assume, and a convex quartic; each with its error."""
+"""The limit surface as planners write it down: the ellipsoid that most assume, and points of the exact one, with its error."""
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.geometry.planar import Array, Twist, Wrench, as_array, frozen, left_of
+from pushfric_core.geometry.planar import Array, Twist, left_of
 from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.limit_surface import Ellipsoid, LimitSurface
 from pushfric_core.records import comparable
 
-DIRECTIONS = 100
-"""Fourth powers along this many directions make up the quartic; a quartic form of three variables needs at most 15 of them."""
-
 SAMPLES = 200
-"""Motions whose wrenches the quartic is fitted to and the errors are computed from."""
-
-EXPONENTS = tuple(powers for powers in itertools.product(range(4, -1, -1), repeat=3) if sum(powers) == 4)
-"""Exponents of (fx, fy, m) in the 15 monomials of a quartic: (4, 0, 0), (3, 1, 0), (3, 0, 1), (2, 2, 0), ... (0, 0, 4)."""
+"""Motions from whose wrenches errors are computed."""
 
 
 @comparable
@@ -76,87 +69,11 @@ def named_ellipsoid(support: Support) -> NamedEllipsoid:
     return NamedEllipsoid(1.0, float(support.weights @ np.linalg.norm(support.points - center, axis=1)), center)
 
 
-@comparable
-@dataclass(frozen=True)
-class Quartic:
-    """A convex form H(W) = 1 of degree 4: the motion under a wrench W on it is along the gradient (Zhou et al. 2016).
-
-    H is a sum of fourth powers of linear forms with weights >= 0, so it is always convex.
-
-    Attributes:
-        coefficients: (15,) of the monomials EXPONENTS of (fx, fy, m about the object-frame origin); [m^-k] with m^k.
-    Raises:
-        ValueError: there are not 15 finite coefficients.
-
-    Example:
-        >>> from pushfric_core import TABLE_1, Wrench, convex_quartic
-        >>> quartic = convex_quartic(TABLE_1["wood_rect4"].support)
-        >>> round(quartic.load(Wrench(2.0, 0.0, 0.0)) / quartic.load(Wrench(1.0, 0.0, 0.0)), 6)
-        2.0
-    """
-
-    coefficients: Array
-
-    def __post_init__(self) -> None:
-        coefficients = frozen(self.coefficients)
-        if coefficients.shape != (len(EXPONENTS),) or not np.isfinite(coefficients).all():
-            raise ValueError(f"coefficients must be {len(EXPONENTS)} finite numbers, got {coefficients.tolist()}")
-        object.__setattr__(self, "coefficients", coefficients)
-
-    def load(self, wrench: Wrench) -> float:
-        """The wrench as a multiple of the one on the surface along it: H(W)^(1/4)."""
-        return float(np.maximum(_monomials(as_array(wrench)[None]) @ self.coefficients, 0.0)[0] ** 0.25)
-
-    def twist(self, wrench: Wrench) -> Twist:
-        """The motion, of unit dissipation, under the wrench scaled onto the surface: grad H / 4.
-
-        Raises:
-            ValueError: the wrench is zero.
-        """
-        load = self.load(wrench)
-        if not load > 0:
-            raise ValueError(f"a wrench must not be zero, got {tuple(wrench)}")
-        return Twist(*(_gradients(as_array(wrench)[None] / load) @ self.coefficients / 4)[0].tolist())
-
-
-def convex_quartic(support: Support) -> Quartic:
-    """The convex quartic whose values and gradients come nearest to those of the limit surface, over motions of all directions.
-
-    Raises:
-        ValueError: a single point bears all the weight.
-
-    Example:
-        >>> from pushfric_core import TABLE_1, convex_quartic
-        >>> convex_quartic(TABLE_1["wood_rect4"].support).coefficients.shape
-        (15,)
-    """
-    from scipy.optimize import nnls  # takes longer to load than the rest of this package
-
-    wrenches, twists, scaling = _samples(support)
-    # about p_CF and in round units, S W and S^-T V
-    rounded = np.linalg.solve(scaling.T, twists.T).T
-    directions = _sphere(DIRECTIONS)
-    along = wrenches @ scaling.T @ directions.T
-    values, slopes = along**4, 4 * along[:, None, :] ** 3 * directions.T
-    a = np.concatenate((4 * values, slopes.reshape(-1, len(directions))))
-    b = np.concatenate((np.full(len(wrenches), 4.0), 4 * rounded.ravel()))
-    shares, _ = nnls(a, b)
-    # back to wrenches about the origin: d . S W
-    return Quartic(_powers(directions @ scaling) @ shares)
-
-
 def ellipsoid_error(ellipsoid: Ellipsoid, support: Support) -> SurfaceError:
     """Error of an ellipsoid compared with the exact surface."""
     wrenches, twists, scaling = _samples(support)
     loads = np.sqrt(np.einsum("si,ij,sj->s", wrenches, ellipsoid.form, wrenches))
     return _error(loads, wrenches @ ellipsoid.form, twists, scaling)
-
-
-def quartic_error(quartic: Quartic, support: Support) -> SurfaceError:
-    """Error of a quartic compared with the exact surface."""
-    wrenches, twists, scaling = _samples(support)
-    loads = np.maximum(_monomials(wrenches) @ quartic.coefficients, 0.0) ** 0.25
-    return _error(loads, _gradients(wrenches) @ quartic.coefficients, twists, scaling)
 
 
 def support_error(other: Support, support: Support) -> SurfaceError:
@@ -209,23 +126,3 @@ def _sphere(count: int) -> Array:
     turn = np.pi * (3 - math.sqrt(5)) * np.arange(count)
     width = np.sqrt(1 - height**2)
     return np.column_stack((width * np.cos(turn), width * np.sin(turn), height))
-
-
-def _monomials(wrenches: Array) -> Array:
-    """Values (s, 15) of the monomials."""
-    return np.stack([np.prod(wrenches**powers, axis=1) for powers in np.array(EXPONENTS)], axis=1)
-
-
-def _gradients(wrenches: Array) -> Array:
-    """Gradients (s, 3, 15) of the monomials."""
-    columns = []
-    for powers in np.array(EXPONENTS):
-        lowered = np.maximum(powers - np.eye(3, dtype=int), 0)
-        columns.append(np.stack([k * np.prod(wrenches**low, axis=1) for k, low in zip(powers, lowered, strict=True)], axis=1))
-    return np.stack(columns, axis=2)
-
-
-def _powers(forms: Array) -> Array:
-    """Coefficients (15, d) of the fourth powers of linear forms (d, 3)."""
-    multinomial = [math.factorial(4) // math.prod(map(math.factorial, powers)) for powers in EXPONENTS]
-    return (_monomials(forms) * multinomial).T

@@ -27,10 +27,8 @@ from pushfric_core.mechanics.prediction import FrictionModel, MotionCone, Predic
 from pushfric_core.mechanics.quasi_static import ContactMode
 from pushfric_core.mechanics.strokes import Strokes
 from pushfric_core.mechanics.surface_models import (
-    convex_quartic,
     ellipsoid_error,
     named_ellipsoid,
-    quartic_error,
     surface_samples,
 )
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
@@ -293,11 +291,9 @@ def limit_surface_to_msg(basis: Basis, total_friction: float, model: FrictionMod
     """
     msg = LimitSurface(header=basis.header, object=basis.object)
     msg.contact_friction, msg.total_friction = model.mean_mu_c, total_friction
-    ellipsoid, quartic = named_ellipsoid(model.support), convex_quartic(model.support)
+    ellipsoid = named_ellipsoid(model.support)
     msg.f_max, msg.m_max, msg.center = ellipsoid.f_max, ellipsoid.m_max, _point(ellipsoid.center)
     msg.ellipsoid_load_error, msg.ellipsoid_twist_error = ellipsoid_error(ellipsoid.form(), model.support)
-    msg.quartic = quartic.coefficients
-    msg.quartic_load_error, msg.quartic_twist_error = quartic_error(quartic, model.support)
     wrenches, twists = surface_samples(model.support)
     msg.wrenches = [Wrench(force=_vector(row[:2]), torque=Vector3(z=row[2])) for row in wrenches.tolist()]
     msg.twists = [_twist(row) for row in twists.tolist()]
