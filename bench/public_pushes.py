@@ -24,10 +24,10 @@ from bench.public.mitpush import POLY4
 from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
 from docs.markdown import table
 from pushfric_core import (
-    Ellipsoid,
     Estimate,
     EstimatorConfig,
     InvalidInput,
+    NamedEllipsoid,
     Observation,
     PushingLine,
     Support,
@@ -391,7 +391,7 @@ def _apart(poses: Array, others: Array) -> Array:
 
 def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> Array:
     """The ends (k, 3) with the ellipsoid of a friction, by the midpoint rule as `predict_strokes`."""
-    ellipsoid = named_ellipsoid(uniform.support).form()
+    ellipsoid = named_ellipsoid(uniform.support)
 
     def motion(pose: Pose, line: PushingLine, touch: Touch) -> Twist:
         direction = rotation(-pose.theta) @ line.direction
@@ -408,7 +408,7 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
     return np.array(ends)
 
 
-def ellipsoid_motion(ellipsoid: Ellipsoid, mu_c: float, point: Array, normal: Array, velocity: Array) -> Array:
+def ellipsoid_motion(ellipsoid: NamedEllipsoid, mu_c: float, point: Array, normal: Array, velocity: Array) -> Array:
     """The motion (3,) of an object with this limit surface, in closed form (Lynch, Maekawa and Tanie 1992)."""
     jacobian = np.column_stack((np.eye(2), left_of(point)))
     force = np.linalg.solve(jacobian @ ellipsoid.form @ jacobian.T, velocity)

@@ -20,8 +20,10 @@ from pushfric_core.estimation import picture
 from pushfric_core.estimation.picture import ESTIMATE, GREY, INK, MILLIMETRE, OTHER, REACHED, TRUTH, closed
 from pushfric_core.files.figure_file import save_figure
 from pushfric_core.geometry.planar import Array, Wrench, transform
+from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import ORIENTATIONS, TABLE_1
 from pushfric_core.mechanics.limit_surface import LimitSurface
+from pushfric_core.mechanics.surface_models import named_ellipsoid
 
 PAPER = "#e69f00"  # the paper's numbers; also of Okabe and Ito
 
@@ -83,13 +85,13 @@ def figures(tables: Nested, seeds: Sequence[Seed], rods: Sequence[Rod]) -> dict[
 
 
 def limit_surface_figure(
-    path: pathlib.Path, surface: LimitSurface, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float
+    path: pathlib.Path, support: Support, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float
 ) -> None:
-    """Two panels: the surface with the part that pushes reach (Figure 12, in space), and a section with both ellipsoids.
+    """Two panels: the surface with the part that pushes reach (Figure 12, in space), and a section with the ellipsoid.
 
     Args:
         path: where to write the image; its suffix selects the format.
-        surface: the limit surface of an object.
+        support: of an object.
         contact_points: (k, 2) where it can be pushed, object frame [m].
         contact_normals: (k, 2) unit, outward.
         mu_c: contact friction coefficient.
@@ -98,7 +100,7 @@ def limit_surface_figure(
         SolverFailed: the motion of a push was not found.
         InvalidInput: the image cannot be written.
     """
-    scale = np.array((1.0, 1.0, MILLIMETRE))
+    scale, surface = np.array((1.0, 1.0, MILLIMETRE)), LimitSurface(support)
     reached = surface.reachable(contact_points, contact_normals, mu_c).wrenches * scale
     moment = Wrench(0.0, 0.0, 1.0)
     with mpl.rc_context(STYLE):
@@ -119,7 +121,7 @@ def limit_surface_figure(
         section.plot(*closed(surface.cross_section(force, moment).points * scale[1:]).T, color=INK, lw=1.4, label="exact")
         angles = np.linspace(0, 2 * np.pi, 361)
         # the inverse of a square root of the form takes the circle to the ellipse
-        root = np.linalg.cholesky(surface.ellipsoid().form[1:, 1:])
+        root = np.linalg.cholesky(named_ellipsoid(support).form[1:, 1:])
         ellipse = np.column_stack((np.cos(angles), np.sin(angles))) @ np.linalg.inv(root)
         section.plot(*(ellipse * scale[1:]).T, ls="--", color=OTHER, lw=1.4, label="ellipsoid")
         section.set(title="Section $f_x = 0$", xlabel="$f_y$ [support friction]", ylabel="$m$ [support friction $\\times$ mm]")

@@ -65,11 +65,6 @@ def estimate(points=POINTS, center=None):
     return last
 
 
-def surface_of(form):
-    ellipsoid = pushfric_core.Ellipsoid(form)
-    return ellipsoid, ellipsoid.wrench(TWIST), ellipsoid.twist(WRENCH)
-
-
 def outline(vertices):
     made = pushfric_core.Outline(vertices)
     return made, made.edges, made.lengths, made.normals, made.grid(5, 4), made.polygon
@@ -154,9 +149,6 @@ ROWS = {
     "PushingLine": (line, {"origin": (0.3, 0.01), "direction": np.array((-0.8, 0.6)) @ ((0.8, -0.6), (0.6, 0.8))}),
     "believe": (lambda points: pushfric_core.believe(points, OBSERVATIONS[:8]), {"points": POINTS}),
     "Estimator": (estimate, {"points": POINTS, "center": POINTS.mean(axis=0)}),
-    "Ellipsoid": (surface_of, {"form": SURFACE.ellipsoid().form}),
-    "Ellipsoid.wrench": (SURFACE.ellipsoid().wrench, {"twist": TWIST}),
-    "Ellipsoid.twist": (SURFACE.ellipsoid().twist, {"wrench": WRENCH}),
     "LimitSurface.twist": (SURFACE.twist, {"wrench": WRENCH}),
     "LimitSurface.twists": (SURFACE.twists, {"wrenches": np.outer((1.0, -0.5), WRENCH)}),
     "LimitSurface.load": (SURFACE.load, {"wrench": WRENCH}),
@@ -196,7 +188,7 @@ ROWS = {
         {"poses": RNG.uniform(-0.01, 0.01, (6, 3)), "positions": np.full(6, 0.27)},
     ),
     "Support": (known_support, {"points": POINTS, "weights": W[0]}),
-    "NamedEllipsoid": (lambda center: pushfric_core.NamedEllipsoid(1.0, 0.03, center).form(), {"center": (0.01, 0.02)}),
+    "NamedEllipsoid": (lambda center: pushfric_core.NamedEllipsoid(1.0, 0.03, center).form, {"center": (0.01, 0.02)}),
 }
 """For each function that takes arrays: what calls it, and the arrays."""
 

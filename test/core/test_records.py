@@ -2,7 +2,17 @@ import numpy as np
 from problems import PROBLEMS
 
 from bench.paper.least_squares import least_squares_fit
-from pushfric_core import ConstraintRows, Ellipsoid, Estimator, HalfPlanes, Hypothesis, LimitSurface, Outline, Support, Twist
+from pushfric_core import (
+    ConstraintRows,
+    Estimator,
+    HalfPlanes,
+    Hypothesis,
+    LimitSurface,
+    NamedEllipsoid,
+    Outline,
+    Support,
+    Twist,
+)
 from pushfric_core.geometry.planar import Wrench
 from pushfric_core.geometry.support import support_forces
 from pushfric_core.geometry.table_1 import TABLE_1
@@ -33,7 +43,7 @@ def records(size):
         surface.facets[0],
         surface.cross_section(Wrench(0, 1, 0), Wrench(0, 0, 1)),
         surface.reachable(points[:1], [[-1.0, 0.0]], 0.3),
-        Ellipsoid(size * np.eye(3)),
+        NamedEllipsoid(1.0, size, points[0]),
         least_squares_fit(problem.observations, 0.01 * points),
         ConstraintRows(size * np.eye(2), np.ones(2), np.ones(2)),
     ]

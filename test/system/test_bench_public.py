@@ -107,10 +107,10 @@ def test_the_ellipse_holds_the_label_of_real_sets(mit_pushes, real_pushes):
 @pytest.mark.parametrize(("mu_c", "slides"), [(9.0, False), (0.2, True)])
 def test_the_closed_form_balances_forces(mu_c, slides):
     """The force passes through the contact, within the cone, at whose edge the contact slides; the tip drives the contact."""
-    form = NamedEllipsoid(1.0, 0.03, np.array((0.01, -0.005))).form()
+    ellipsoid = NamedEllipsoid(1.0, 0.03, np.array((0.01, -0.005)))
     point, normal, velocity = (np.array(one) for one in ((-0.04, 0.01), (-1.0, 0.0), (0.02, 0.05)))
-    vx, vy, omega = ellipsoid_motion(form, mu_c, point, normal, velocity)
-    fx, fy, m = np.linalg.solve(form.form, (vx, vy, omega))
+    vx, vy, omega = ellipsoid_motion(ellipsoid, mu_c, point, normal, velocity)
+    fx, fy, m = np.linalg.solve(ellipsoid.form, (vx, vy, omega))
     assert m == pytest.approx(point[0] * fy - point[1] * fx)
     assert fx > 0
     assert abs(fy) == pytest.approx(mu_c * fx) if slides else abs(fy) < mu_c * fx

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from pushfric_core.belief.believe import believe as believe
     from pushfric_core.estimation.estimate import Estimate as Estimate, friction_model as friction_model
     from pushfric_core.estimation.estimator import Estimator as Estimator, EstimatorConfig as EstimatorConfig
-    from pushfric_core.mechanics.limit_surface import Ellipsoid as Ellipsoid, LimitSurface as LimitSurface
+    from pushfric_core.mechanics.limit_surface import LimitSurface as LimitSurface
     from pushfric_core.trajectories.observation import Observation as Observation
     from pushfric_core.trajectories.observations import Observations as Observations
     from pushfric_core.offline.inputs import Recording as Recording, load as load
@@ -90,7 +90,7 @@ _MODULES = {  # the same as above: a test compares them
     "belief.believe": ["believe"],
     "estimation.estimate": ["Estimate", "friction_model"],
     "estimation.estimator": ["Estimator", "EstimatorConfig"],
-    "mechanics.limit_surface": ["Ellipsoid", "LimitSurface"],
+    "mechanics.limit_surface": ["LimitSurface"],
     "trajectories.observation": ["Observation"],
     "trajectories.observations": ["Observations"],
     "offline.inputs": ["Recording", "load"],

@@ -1,4 +1,4 @@
-"""The limit surface of a support friction distribution, and an ellipsoid in its place.
+"""The limit surface of a support friction distribution.
 
 The limit surface is the locus of the wrenches W = (fx, fy, m) that a pusher applies to the sliding object, opposite to the
 support friction. The motion V = (vx, vy, omega) is parallel to its outward normal at W (section 6.3). W and V are about the
@@ -12,7 +12,6 @@ that support appears as a flat part of the surface, a facet: all its wrenches ha
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -20,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, Twist, Wrench, as_array, cross, frozen, left_of
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, Twist, Wrench, as_array, cross, left_of
 from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.damped_newton import NewtonStep, minimized
 from pushfric_core.records import comparable
@@ -68,53 +67,6 @@ class Reachable(NamedTuple):
 
     wrenches: Array  # (k, s, 3)
     twists: Array  # (k, s, 3) of unit dissipation
-
-
-@comparable
-@dataclass(frozen=True)
-class Ellipsoid:
-    """An ellipsoid W' A W = 1 instead of a limit surface: wrenches and motions in closed form.
-
-    Args:
-        form: A (3, 3), for moments about the object-frame origin in metres times unit force.
-    Raises:
-        ValueError: A is not (3, 3), symmetric and positive definite.
-
-    Example:
-        >>> import numpy as np
-        >>> from pushfric_core import Ellipsoid, Wrench
-        >>> ellipsoid = Ellipsoid(np.diag((1.0, 1.0, 400.0)))
-        >>> ellipsoid.twist(Wrench(0.0, 1.0, 0.0))
-        Twist(vx=0.0, vy=1.0, omega=0.0)
-    """
-
-    form: Array
-
-    def __post_init__(self) -> None:
-        form = frozen(self.form)
-        if form.shape != (3, 3) or not np.allclose(form, form.T) or not (np.linalg.eigvalsh(form) > 0).all():
-            raise ValueError(f"form must be (3, 3), symmetric and positive definite, got {form.tolist()}")
-        object.__setattr__(self, "form", form)
-
-    def wrench(self, twist: Twist) -> Wrench:
-        """The wrench on the ellipsoid that moves the object along `twist`: A^-1 V / sqrt(V' A^-1 V).
-
-        Raises:
-            ValueError: the twist is zero.
-        """
-        given = _checked("twist", twist)
-        along = np.linalg.solve(self.form, given)
-        return Wrench(*(along / np.sqrt(along @ given)).tolist())
-
-    def twist(self, wrench: Wrench) -> Twist:
-        """The motion under a wrench scaled to the ellipsoid: A W / sqrt(W' A W), which dissipates one unit there.
-
-        Raises:
-            ValueError: the wrench is zero.
-        """
-        given = _checked("wrench", wrench)
-        normal = self.form @ given
-        return Twist(*(normal / np.sqrt(normal @ given)).tolist())
 
 
 class LimitSurface:
@@ -242,10 +194,6 @@ class LimitSurface:
         points = np.concatenate((rays, *chords))
         x, y = (points / extent).T
         return CrossSection(points[np.argsort(np.arctan2(y, x))], chords)
-
-    def ellipsoid(self) -> Ellipsoid:
-        """The ellipsoid that planners assume; its semi-axes about p_CF are the force of a translation and a turn's moment."""
-        return Ellipsoid(self._scaling.T @ self._scaling)
 
     def reachable(self, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float) -> Reachable:
         """The wrenches that pushes with one point contact can reach, with forces in the friction cones of the contacts.

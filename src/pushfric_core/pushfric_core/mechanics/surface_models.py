@@ -8,7 +8,7 @@ import numpy as np
 
 from pushfric_core.geometry.planar import Array, Twist, left_of
 from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.limit_surface import Ellipsoid, LimitSurface
+from pushfric_core.mechanics.limit_surface import LimitSurface
 from pushfric_core.records import comparable
 
 SAMPLES = 200
@@ -36,7 +36,7 @@ class NamedEllipsoid:
     Example:
         >>> from pushfric_core import NamedEllipsoid
         >>> ellipsoid = NamedEllipsoid(f_max=1.0, m_max=0.05, center=(0.01, 0.0))
-        >>> ellipsoid.form().form.shape
+        >>> ellipsoid.form.shape
         (3, 3)
     """
 
@@ -44,17 +44,13 @@ class NamedEllipsoid:
     m_max: float
     center: Array
 
-    def form(self) -> Ellipsoid:
-        """The same surface as W' A W = 1, with moments about the object-frame origin."""
+    @property
+    def form(self) -> Array:
+        """A (3, 3) of the same surface as W' A W = 1, with moments about the object-frame origin; A W is along the motion."""
         x, y = self.center
-        scaling = np.array(
-            (
-                (1 / self.f_max, 0.0, 0.0),
-                (0.0, 1 / self.f_max, 0.0),
-                (y / self.m_max, -x / self.m_max, 1 / self.m_max),
-            )
-        )
-        return Ellipsoid(scaling.T @ scaling)
+        f, m = self.f_max, self.m_max
+        scaling = np.array(((1 / f, 0.0, 0.0), (0.0, 1 / f, 0.0), (y / m, -x / m, 1 / m)))
+        return np.asarray(scaling.T @ scaling)
 
 
 def named_ellipsoid(support: Support) -> NamedEllipsoid:
@@ -69,7 +65,7 @@ def named_ellipsoid(support: Support) -> NamedEllipsoid:
     return NamedEllipsoid(1.0, float(support.weights @ np.linalg.norm(support.points - center, axis=1)), center)
 
 
-def ellipsoid_error(ellipsoid: Ellipsoid, support: Support) -> SurfaceError:
+def ellipsoid_error(ellipsoid: NamedEllipsoid, support: Support) -> SurfaceError:
     """Error of an ellipsoid compared with the exact surface."""
     wrenches, twists, scaling = _samples(support)
     loads = np.sqrt(np.einsum("si,ij,sj->s", wrenches, ellipsoid.form, wrenches))

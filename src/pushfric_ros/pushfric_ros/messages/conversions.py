@@ -293,7 +293,7 @@ def limit_surface_to_msg(basis: Basis, total_friction: float, model: FrictionMod
     msg.contact_friction, msg.total_friction = model.mean_mu_c, total_friction
     ellipsoid = named_ellipsoid(model.support)
     msg.f_max, msg.m_max, msg.center = ellipsoid.f_max, ellipsoid.m_max, _point(ellipsoid.center)
-    msg.ellipsoid_load_error, msg.ellipsoid_twist_error = ellipsoid_error(ellipsoid.form(), model.support)
+    msg.ellipsoid_load_error, msg.ellipsoid_twist_error = ellipsoid_error(ellipsoid, model.support)
     wrenches, twists = surface_samples(model.support)
     msg.wrenches = [Wrench(force=_vector(row[:2]), torque=Vector3(z=row[2])) for row in wrenches.tolist()]
     msg.twists = [_twist(row) for row in twists.tolist()]
