@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from bench.paper.least_squares import least_squares_fit
 from bench.paper.pushes import BAD_PUSH, SLIPPING, motions, plan, watch
+from bench.paper.sections import cross_section
 from bench.paper.tables import PUBLISHED
 from pushfric_core import TABLE_1, Estimate, Estimator, EstimatorConfig, HalfPlanes, Hypothesis, Loss, Observation, Recognizer
 from pushfric_core.estimation.region import Region, line_of_motion
@@ -313,7 +314,7 @@ def rods() -> tuple[Numbers, list[Rod]]:
     drawn = []
     for support in (first, second):
         surface = LimitSurface(support)
-        section = surface.cross_section(Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0)).points
+        section = cross_section(surface, Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0)).points
         drawn.append(Rod(section, surface.reachable(contacts, normals, 0.0).wrenches[:, 0, 1:]))
     difference = float(np.abs(drawn[0].reachable - drawn[1].reachable).max())
     return {"largest_difference_of_reachable_wrenches": difference}, drawn

@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bench.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS, Rod, Seed, Weights
 from bench.paper.page import number
+from bench.paper.sections import cross_section
 from bench.paper.tables import PUBLISHED, Nested
 from pushfric_core import Observation, Region
 from pushfric_core.estimation import picture
@@ -108,7 +109,7 @@ def limit_surface_figure(
         space = figure.add_subplot(1, 2, 1, projection="3d")
         for angle in np.arange(MERIDIANS) * np.pi / MERIDIANS:
             force = Wrench(float(np.cos(angle)), float(np.sin(angle)), 0.0)
-            section = surface.cross_section(force, moment).points @ (force, moment) * scale
+            section = cross_section(surface, force, moment).points @ (force, moment) * scale
             space.plot(*closed(section).T, color=GREY, lw=0.6)
         for wrenches in reached:
             (line,) = space.plot(*wrenches.T, color=REACHED, lw=3, marker="o" if len(wrenches) == 1 else None, ms=3)
@@ -118,7 +119,7 @@ def limit_surface_figure(
         space.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1))
         section = figure.add_subplot(1, 2, 2)
         force = Wrench(0.0, 1.0, 0.0)
-        section.plot(*closed(surface.cross_section(force, moment).points * scale[1:]).T, color=INK, lw=1.4, label="exact")
+        section.plot(*closed(cross_section(surface, force, moment).points * scale[1:]).T, color=INK, lw=1.4, label="exact")
         angles = np.linspace(0, 2 * np.pi, 361)
         # the inverse of a square root of the form takes the circle to the ellipse
         root = np.linalg.cholesky(named_ellipsoid(support).form[1:, 1:])

@@ -152,7 +152,6 @@ ROWS = {
     "LimitSurface.twist": (SURFACE.twist, {"wrench": WRENCH}),
     "LimitSurface.twists": (SURFACE.twists, {"wrenches": np.outer((1.0, -0.5), WRENCH)}),
     "LimitSurface.load": (SURFACE.load, {"wrench": WRENCH}),
-    "LimitSurface.cross_section": (SURFACE.cross_section, {"first": WRENCH, "second": (0.0, 0.1, 1.0)}),
     "LimitSurface.reachable": (lambda **given: SURFACE.reachable(**given, mu_c=0.3), CONTACT),
     "Observation": (
         observation,

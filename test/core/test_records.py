@@ -13,7 +13,6 @@ from pushfric_core import (
     Support,
     Twist,
 )
-from pushfric_core.geometry.planar import Wrench
 from pushfric_core.geometry.support import support_forces
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.simulation import PushedObject
@@ -41,7 +40,6 @@ def records(size):
         TABLE_1["wood_rect4"]._replace(outline=Outline(points)),
         HalfPlanes(Outline(points)).region(),
         surface.facets[0],
-        surface.cross_section(Wrench(0, 1, 0), Wrench(0, 0, 1)),
         surface.reachable(points[:1], [[-1.0, 0.0]], 0.3),
         NamedEllipsoid(1.0, size, points[0]),
         least_squares_fit(problem.observations, 0.01 * points),

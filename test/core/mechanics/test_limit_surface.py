@@ -144,25 +144,6 @@ def test_facets_are_limits_of_the_surface(seed, angle, share):
     assert surface.wrench(Twist(float(vx), float(vy), facet.twist.omega)) == pytest.approx(rim, abs=1e-3)
 
 
-# cross-sections
-
-
-def corners(section):
-    return {tuple(np.round(end, 9) + 0.0) for chord in section.facets for end in chord}
-
-
-def test_the_cross_sections_of_figure_12():
-    """fx = 0: the forces w_j are added to or subtracted from each other, so the curves are polygons."""
-    diamond, hexagon = (LimitSurface(rod).cross_section(FY, M, count=40) for rod in RODS)
-    assert corners(diamond) == {(1.0, 0.0), (0.0, HALF), (-1.0, 0.0), (0.0, -HALF)}
-    third, high = round(1 / 3, 9), round(2 / 3 * HALF, 9)
-    assert corners(hexagon) == {(1, 0), (third, high), (-third, high), (-1, 0), (-third, -high), (third, -high)}
-    fy, m = diamond.points.T
-    assert np.abs(fy) + np.abs(m) / HALF == pytest.approx(np.ones(len(fy)))
-    fy, m = hexagon.points.T
-    assert np.maximum(np.abs(fy) + np.abs(m) / HALF, np.abs(m) / (2 / 3 * HALF)) == pytest.approx(np.ones(len(fy)))
-
-
 def test_the_rods_have_the_same_reachable_parts():
     """Figure 12: forces across a rod, at points along its length, meet both surfaces at the same wrenches and motions."""
     places = np.linspace(-HALF, HALF, 41)
@@ -174,22 +155,6 @@ def test_the_rods_have_the_same_reachable_parts():
     # the bold edges: down to m = fy / 2 in units of half the length
     assert fy == pytest.approx(1 / (1 + np.abs(places) / HALF))
     assert m == pytest.approx(places * fy)
-
-
-@settings(derandomize=True, max_examples=15, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_cross_sections_are_convex_and_lie_on_the_surface(seed):
-    support, rng = random_support(seed), np.random.default_rng(seed)
-    surface = LimitSurface(support)
-    basis = rng.normal(size=(2, 3)) * (1, 1, 0.05)
-    section = surface.cross_section(Wrench(*basis[0]), Wrench(*basis[1]), count=60)
-    turns = np.roll(section.points, -1, axis=0) - section.points
-    turns = turns[np.linalg.norm(turns, axis=1) > 1e-9]
-    turns /= np.linalg.norm(turns, axis=1)[:, None]
-    assert cross(turns, np.roll(turns, -1, axis=0)).min() > -1e-5
-    on_chords = [chord[0] + share * (chord[1] - chord[0]) for chord in section.facets for share in (0.0, 0.4, 1.0)]
-    for point in [*section.points[::10], *on_chords]:
-        assert surface.load(Wrench(*(point @ basis))) == pytest.approx(1)
 
 
 # ellipsoids
@@ -245,8 +210,6 @@ def test_a_motion_that_is_not_found_is_an_error(monkeypatch):
         (lambda: LimitSurface(Support([(0, 0), (0, 0), (1, 1)], [0.5, 0.5, 0])), "weight at two places or more, got all of it"),
         (lambda: LimitSurface(ROD_2).twist(Wrench(0, 0, 0)), "wrench must be three finite numbers, not all zero"),
         (lambda: LimitSurface(ROD_2).load(Wrench(np.nan, 0, 0)), "wrench must be three finite numbers, not all zero"),
-        (lambda: LimitSurface(ROD_2).cross_section(FY, FY), "first and second must not be parallel"),
-        (lambda: LimitSurface(ROD_2).cross_section(FY, M, 3), "count must be at least 4, got 3"),
         (lambda: LimitSurface(ROD_2).reachable(np.zeros(2), np.zeros(2), 0.1), r"must both be \(k, 2\)"),
         (lambda: LimitSurface(ROD_2).reachable(*along_rod(np.zeros(1)), -0.1), "mu_c must be at least 0 and finite, got -0.1"),
     ],

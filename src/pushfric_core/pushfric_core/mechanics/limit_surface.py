@@ -54,14 +54,6 @@ class Facet(NamedTuple):
 
 
 @comparable
-class CrossSection(NamedTuple):
-    """Where a plane through the origin cuts the limit surface: a closed convex curve."""
-
-    points: Array  # (k, 2) counter-clockwise, coordinates along the two wrenches that span the plane
-    facets: list[Array]  # (2, 2) each: the ends of its straight parts, which are among the points
-
-
-@comparable
 class Reachable(NamedTuple):
     """The part of the limit surface that pushes at k contacts reach: s wrenches each, from the cone's edge towards -t to +t."""
 
@@ -166,35 +158,6 @@ class LimitSurface:
             facets.append(Facet(point, Twist(vx, vy, omega), Wrench(fx, fy, float(cross(points, forces).sum())), float(weight)))
         return facets
 
-    def cross_section(self, first: Wrench, second: Wrench, count: int = 180) -> CrossSection:
-        """The curve in which the plane of two wrenches cuts the surface; its straight parts are exact.
-
-        The plane fx = 0 of Figure 12 is that of (0, 1, 0) and (0, 0, 1).
-
-        Args:
-            first: the wrench whose multiples are the first coordinate.
-            second: the wrench whose multiples are the second coordinate.
-            count: number of points of the curve, not counting the ends of its straight parts.
-        Raises:
-            ValueError: a wrench is zero or not finite, they are parallel, or count < 4.
-            SolverFailed: a motion was not found.
-        """
-        basis = np.array((_checked("first", first), _checked("second", second)))
-        normal = np.cross(*basis)
-        if not normal.any():
-            raise ValueError(f"first and second must not be parallel, got {tuple(first)} and {tuple(second)}")
-        if count < 4:
-            raise ValueError(f"count must be at least 4, got {count}")
-        extent = 1 / self._loads(basis)
-        angles = np.linspace(-np.pi, np.pi, count, endpoint=False)
-        rays = extent * np.column_stack((np.cos(angles), np.sin(angles)))
-        rays /= self._loads(rays @ basis)[:, None]
-        half = [chord @ np.linalg.pinv(basis) for chord in self._chords(normal)]
-        chords = half + [-chord for chord in half]
-        points = np.concatenate((rays, *chords))
-        x, y = (points / extent).T
-        return CrossSection(points[np.argsort(np.arctan2(y, x))], chords)
-
     def reachable(self, contact_points: npt.ArrayLike, contact_normals: npt.ArrayLike, mu_c: float) -> Reachable:
         """The wrenches that pushes with one point contact can reach, with forces in the friction cones of the contacts.
 
@@ -217,20 +180,6 @@ class LimitSurface:
         wrenches = np.concatenate((forces, cross(points[:, None], forces)[..., None]), axis=2)
         twists = self.twists(wrenches.reshape(-1, 3)).reshape(wrenches.shape)
         return Reachable(wrenches / np.sum(wrenches * twists, axis=2, keepdims=True), twists)
-
-    def _chords(self, normal: Array) -> list[Array]:
-        """Where the plane through the origin with this normal cuts the facets: ends (2, 3) each."""
-        chords = []
-        for facet in self.facets:
-            # normal . (center + (u, p x u)) = 0, a line in the plane of u
-            slope = normal[:2] + normal[2] * left_of(facet.point)
-            size = float(np.hypot(*slope))
-            distance = -float(normal @ facet.center)
-            if abs(distance) < facet.radius * size:
-                nearest, half = distance / size**2 * slope, math.sqrt(facet.radius**2 - (distance / size) ** 2) / size
-                forces = np.array((nearest - half * left_of(slope), nearest + half * left_of(slope)))
-                chords.append(np.asarray(facet.center) + np.column_stack((forces, cross(facet.point, forces))))
-        return chords
 
     def _loads(self, wrenches: Array) -> Array:
         """The `load` (s,) of wrenches (s, 3): on the surface, W . V is the dissipation."""

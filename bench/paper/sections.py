@@ -1,0 +1,61 @@
+"""Sections of limit surfaces, as Figure 12 shows them."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pushfric_core.geometry.planar import Array, Wrench, cross, left_of
+from pushfric_core.mechanics.limit_surface import LimitSurface
+
+
+class CrossSection(NamedTuple):
+    """Where a plane through the origin cuts a limit surface: a closed convex curve."""
+
+    points: Array  # (k, 2) counter-clockwise, coordinates along the two wrenches that span the plane
+    facets: list[Array]  # (2, 2) each: the ends of its straight parts, which are among the points
+
+
+def cross_section(surface: LimitSurface, first: Wrench, second: Wrench, count: int = 180) -> CrossSection:
+    """The curve in which the plane of two wrenches cuts a surface; its straight parts are exact.
+
+    The plane fx = 0 of Figure 12 is that of (0, 1, 0) and (0, 0, 1).
+
+    Args:
+        surface: of an object.
+        first: the wrench whose multiples are the first coordinate.
+        second: the wrench whose multiples are the second coordinate, not parallel to the first.
+        count: number of points of the curve, not counting the ends of its straight parts.
+    Raises:
+        SolverFailed: a motion was not found.
+    """
+    basis = np.array((first, second))
+    extent = 1 / _loads(surface, basis)
+    angles = np.linspace(-np.pi, np.pi, count, endpoint=False)
+    rays = extent * np.column_stack((np.cos(angles), np.sin(angles)))
+    rays /= _loads(surface, rays @ basis)[:, None]
+    half = [chord @ np.linalg.pinv(basis) for chord in _chords(surface, np.cross(*basis))]
+    chords = half + [-chord for chord in half]
+    points = np.concatenate((rays, *chords))
+    x, y = (points / extent).T
+    return CrossSection(points[np.argsort(np.arctan2(y, x))], chords)
+
+
+def _loads(surface: LimitSurface, wrenches: Array) -> Array:
+    """Wrenches (s, 3) as multiples (s,) of those on the surface."""
+    return np.array([surface.load(Wrench(*one)) for one in wrenches.tolist()])
+
+
+def _chords(surface: LimitSurface, normal: Array) -> list[Array]:
+    """Where the plane through the origin with this normal cuts the facets: ends (2, 3) each."""
+    chords = []
+    for facet in surface.facets:
+        # normal . (center + (u, p x u)) = 0, a line in the plane of u
+        slope = normal[:2] + normal[2] * left_of(facet.point)
+        size = float(np.hypot(*slope))
+        distance = -float(normal @ facet.center)
+        if abs(distance) < facet.radius * size:
+            nearest, half = distance / size**2 * slope, math.sqrt(facet.radius**2 - (distance / size) ** 2) / size
+            forces = np.array((nearest - half * left_of(slope), nearest + half * left_of(slope)))
+            chords.append(np.asarray(facet.center) + np.column_stack((forces, cross(facet.point, forces))))
+    return chords
