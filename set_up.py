@@ -40,7 +40,7 @@ TRACES = ("PYTHONPATH", "PYTHONHOME", "AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", 
 CLOCK_REALTIME_COARSE = 5  # of linux/time.h: the clock of the files' times, which `time` does not name
 MADE = "made-"  # and a number: an environment made here
 BRIEFLY = 20  # tries, of 50 ms each, before it is said that another call sets up
-LAYOUT = 1
+LAYOUT = 2
 """Raised when `slim` or `make_underlay` do something else: environments are then made again."""
 
 # command or file that must exist -> Debian package that contains it
@@ -470,7 +470,8 @@ def slim(venv: pathlib.Path) -> None:
     (packages,) = venv.glob("lib/python*/site-packages")
     for tests in sorted(packages.rglob("tests")):
         shutil.rmtree(tests, ignore_errors=True)
-    sources = [file for suffix in (".c", ".cpp", ".pyx", ".exe") for file in packages.rglob(f"*{suffix}")]
+    folders = packages, venv / "include"
+    sources = [file for folder in folders for suffix in (".c", ".cpp", ".pyx", ".exe") for file in folder.rglob(f"*{suffix}")]
     needless = [file for file in sources if "Cython" not in file.parts]  # Cython writes C from pieces of C
     for file in [*needless, *venv.glob("include/*_msgs/**/*.hpp"), *venv.glob("lib/*.a")]:
         file.unlink()
