@@ -1,11 +1,12 @@
 """A recording, a bag or a CSV of observations: its settings, its observations, and an account of its messages."""
 
+import contextlib
 import functools
 import os
 import pathlib
 from collections import Counter, deque
-from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -164,7 +165,25 @@ class Recorded:
         """Whether this is a bag with that topic."""
         return self._bag is not None and any(one.name == topic for one in self._bag.summary.topics)
 
-    def read(self, model: ObjectModel, settings: EstimatorSettings, warn: Warn, partial: bool = False) -> "Reading":
+    def messages(self, types: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
+        """The messages of other topics of the cell, each with its topic's name: those of these types that can be read."""
+        if (bag := self._bag) is None:
+            return
+        there = {(topic.name, topic.type_name) for topic in bag.summary.topics}
+        names = {f"{self._cell(bag)}/{name}": name for name in types}
+        names = {full: name for full, name in names.items() if (full, types[name]) in there}
+        for message in bag.messages(names) if names else ():
+            with contextlib.suppress(ValueError, AttributeError):  # the ledger says so
+                yield names[message.topic], bag.deserialize(message)
+
+    def read(
+        self,
+        model: ObjectModel,
+        settings: EstimatorSettings,
+        warn: Warn,
+        partial: bool = False,
+        on_observation: Callable[[Observation], None] = lambda observation: None,
+    ) -> "Reading":
         """The observations, with those of the model that the recorded run went on from first.
 
         Args:
@@ -172,6 +191,7 @@ class Recorded:
             settings: how poses become observations, which pushes are left out, and whether forces are needed.
             warn: called with a line for each message that is refused, each doubt and remark, and one for a damaged bag.
             partial: accept a bag from which messages are missing.
+            on_observation: called with each observation as soon as it is read.
         Raises:
             InvalidInput: the file cannot be read, or does not contain the observations that are needed.
             DamagedBag: messages are missing from the bag.
@@ -179,6 +199,8 @@ class Recorded:
         bag, path = self._bag, self.path
         if bag is None:
             found, ledger, record = read_observations(path, model.outline), Ledger(), None
+            for observation in found:
+                on_observation(observation)
         else:
             if not partial:
                 bag.require_whole()
@@ -187,7 +209,7 @@ class Recorded:
             for note in bag.notes:
                 warn(f"{path}: {note}")
             source = self.source(settings.with_forces)
-            found, ledger, record = self._account(bag, source, model, settings, warn)
+            found, ledger, record = self._account(bag, source, model, settings, warn, on_observation)
             if not found:
                 raise InvalidInput(f"{path}: its {source.kind} give no observation of {model.name}")
         for push_id in settings.excluded:
@@ -214,21 +236,32 @@ class Recorded:
         except InvalidInput:
             return None
         assert self._bag is not None
-        return self._account(self._bag, source, None if file is None else load_object(str(file)), settings, lambda _: None)[1]
+        model = None if file is None else load_object(str(file))
+        return self._account(self._bag, source, model, settings, lambda _: None, lambda _: None)[1]
 
     def _account(
-        self, bag: "Bag", source: ObservationSource, model: ObjectModel | None, settings: EstimatorSettings, warn: Warn
+        self,
+        bag: "Bag",
+        source: ObservationSource,
+        model: ObjectModel | None,
+        settings: EstimatorSettings,
+        warn: Warn,
+        on_observation: Callable[[Observation], None],
     ) -> tuple[list[Observation], Ledger, RunRecord]:
         """The observations of a bag, those that its run went on from first, and what became of its messages."""
         ledger, record, before = Ledger(), RunRecord(bag, source.namespace), beside(self.path, PRIOR_FILE)
         outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
         made = _from_poses if source.kind == "poses" else _recorded
-        found = list(made(bag, source, outline, settings.trajectory, ledger, record, warn))
+        earlier = [] if model is None or before is None else prior(before, model)
+        found: list[Observation] = []
+        for observation in made(bag, source, outline, settings.trajectory, ledger, record, warn):
+            for one in (observation,) if found else (*earlier, observation):
+                on_observation(one)
+            found.append(observation)
         _enter_unread(bag, source, ledger)
         ledger.doubt_refused()
         for text in bag.lost:
             ledger.doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}")
-        earlier = [] if model is None or before is None else prior(before, model)
         of_the_run = found if model is not None and _is_recorded(self.path, model) else None
         record.close(ledger, of_the_run, settings, len(earlier))
         return (earlier if found else []) + found, ledger, record
