@@ -106,6 +106,8 @@ class Recorded:
         path: the file or the bag.
         namespace: of the cell; None: the bag has only one.
         bag: at this path, if it has been opened already.
+    Attributes:
+        on_observation: called with each observation as soon as it is read.
     Raises:
         InvalidInput: there is no such file, it is a folder of several bags, or it cannot be read.
         MissingPackage: it is a bag, and the packages that read bags are not installed.
@@ -114,6 +116,7 @@ class Recorded:
     def __init__(self, path: pathlib.Path, namespace: str | None = None, bag: "Bag | None" = None) -> None:
         check_source(path)
         self.path, self._namespace = path, namespace
+        self.on_observation: Callable[[Observation], None] = lambda observation: None
         self._bag = bag if bag is not None or path.suffix == ".csv" else _opened(path)
 
     @functools.cached_property
@@ -176,14 +179,7 @@ class Recorded:
             with contextlib.suppress(ValueError, AttributeError):  # the ledger says so
                 yield names[message.topic], bag.deserialize(message)
 
-    def read(
-        self,
-        model: ObjectModel,
-        settings: EstimatorSettings,
-        warn: Warn,
-        partial: bool = False,
-        on_observation: Callable[[Observation], None] = lambda observation: None,
-    ) -> "Reading":
+    def read(self, model: ObjectModel, settings: EstimatorSettings, warn: Warn, partial: bool = False) -> "Reading":
         """The observations, with those of the model that the recorded run went on from first.
 
         Args:
@@ -191,7 +187,6 @@ class Recorded:
             settings: how poses become observations, which pushes are left out, and whether forces are needed.
             warn: called with a line for each message that is refused, each doubt and remark, and one for a damaged bag.
             partial: accept a bag from which messages are missing.
-            on_observation: called with each observation as soon as it is read.
         Raises:
             InvalidInput: the file cannot be read, or does not contain the observations that are needed.
             DamagedBag: messages are missing from the bag.
@@ -200,7 +195,7 @@ class Recorded:
         if bag is None:
             found, ledger, record = read_observations(path, model.outline), Ledger(), None
             for observation in found:
-                on_observation(observation)
+                self.on_observation(observation)
         else:
             if not partial:
                 bag.require_whole()
@@ -209,7 +204,7 @@ class Recorded:
             for note in bag.notes:
                 warn(f"{path}: {note}")
             source = self.source(settings.with_forces)
-            found, ledger, record = self._account(bag, source, model, settings, warn, on_observation)
+            found, ledger, record = self._account(bag, source, model, settings, warn)
             if not found:
                 raise InvalidInput(f"{path}: its {source.kind} give no observation of {model.name}")
         for push_id in settings.excluded:
@@ -236,17 +231,10 @@ class Recorded:
         except InvalidInput:
             return None
         assert self._bag is not None
-        model = None if file is None else load_object(str(file))
-        return self._account(self._bag, source, model, settings, lambda _: None, lambda _: None)[1]
+        return self._account(self._bag, source, None if file is None else load_object(str(file)), settings, lambda _: None)[1]
 
     def _account(
-        self,
-        bag: "Bag",
-        source: ObservationSource,
-        model: ObjectModel | None,
-        settings: EstimatorSettings,
-        warn: Warn,
-        on_observation: Callable[[Observation], None],
+        self, bag: "Bag", source: ObservationSource, model: ObjectModel | None, settings: EstimatorSettings, warn: Warn
     ) -> tuple[list[Observation], Ledger, RunRecord]:
         """The observations of a bag, those that its run went on from first, and what became of its messages."""
         ledger, record, before = Ledger(), RunRecord(bag, source.namespace), beside(self.path, PRIOR_FILE)
@@ -256,7 +244,7 @@ class Recorded:
         found: list[Observation] = []
         for observation in made(bag, source, outline, settings.trajectory, ledger, record, warn):
             for one in (observation,) if found else (*earlier, observation):
-                on_observation(one)
+                self.on_observation(one)
             found.append(observation)
         _enter_unread(bag, source, ledger)
         ledger.doubt_refused()

@@ -94,7 +94,8 @@ def estimate_from(
             course.append(estimator.add(observation))
             on_estimate(model, observation, course[-1])
 
-    reading = recorded.read(model, settings, warn, choices.partial, take)
+    recorded.on_observation = take
+    reading = recorded.read(model, settings, warn, choices.partial)
     batch.last(data)
     course[-1:] = [estimator.estimate() if whole_course else estimator.add(data)]
     verdict = course[-1].verdict

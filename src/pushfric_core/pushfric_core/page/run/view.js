@@ -362,8 +362,10 @@ function drawCamera(moment, compared) {
   write("seen", said);
   at("seen").classList.toggle("problem", Boolean(unseen));
   const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
-  at("switches").hidden = !turned.lamp;
-  at("hand").hidden = connection !== "live" || !run.story["node/simulated_cell"];
+  for (const id of ["switches", "hand"]) {
+    at(id).hidden &&= !turned.lamp; // once it is there it keeps its place: nothing below moves when the run ends
+    at(id).style.visibility = turned.lamp ? "" : "hidden";
+  }
   for (const button of SWITCHES) button.ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[button.id]));
 }
 
