@@ -671,9 +671,13 @@ def execute(command: list[str], underlay: str | None) -> None:
 
 
 def in_environment(command: list[str], underlay: str | None, overlaid: bool = True) -> list[str]:
-    """The command, wrapped so that bash first sources the underlay, or the workspace on top of it."""
-    setup = [VENV.resolve() / "setup.bash"] * (underlay is None) + [overlay(underlay) / "install/local_setup.bash"] * overlaid
-    source = f"unset {' '.join(TRACES)} && " * (underlay is None) + "".join(f". '{path}' && " for path in setup)
+    """The command, wrapped so that bash first sources the underlay, and sets what the workspace on top of it would."""
+    source = f"unset {' '.join(TRACES)} && . '{VENV.resolve()}/setup.bash' && " * (underlay is None)
+    if overlaid:  # asked for here, not by install/local_setup.bash in each call, for which that would start another Python
+        python = VENV / "bin/python3" if underlay is None else shutil.which("python3")
+        asked = [python, "-ES", overlay(underlay) / "install/_local_setup_util_sh.py", "sh", "bash"]
+        lines = subprocess.run(asked, check=True, capture_output=True, text=True, env={}).stdout
+        source += f'_colcon_prefix_sh_source_script() {{ . "$1"; }}\n{lines}'
     return ["bash", "-c", f'{source}exec "$@"', "pushfric", *command]
 
 

@@ -87,6 +87,15 @@ def test_a_repeated_push_has_the_number_that_the_list_of_pushes_gives_it(monkeyp
     assert [row[0] for row in told(text)["tables"]["predictions"]["rows"]] == ["11", "12", "1 (again)", "2 (again)"]
 
 
+def test_an_estimate_comes_with_the_first_observation_that_is_read():
+    def stop(model, observation, estimate):
+        raise StopIteration(model.name, observation.push_id, estimate.data_points)
+
+    with pytest.raises(StopIteration) as stopped:
+        estimate_from(BAG, Choices(), print, whole_course=True, on_estimate=stop)
+    assert stopped.value.args == ("rubber_rect4", 0, 1)
+
+
 def test_the_page_holds_every_moment_of_the_run(page):
     story = told(page[1])
     moments = [story[f"moment/{seen}"] for seen in range(72)]
@@ -126,13 +135,12 @@ def test_view_serves_the_page_on_this_machine_alone():
             assert "Waiting for the run" in answer("localhost")
             parcels = asyncio.run(shown(url))
             assert parcels[0]["recorded"]
-            assert parcels[-1]["reading"] is None
-            observed = next(parcel for parcel in parcels if "moment/71" in parcel)
-            estimated = [parcel for parcel in parcels if parcel.get("moment/71", {}).get("after")]
-            assert (observed["moment/71"]["after"] is None) == (observed not in estimated)
+            first = next(parcel for parcel in parcels if "moment/0" in parcel)
+            assert bool(first.get("reading")) == ("tables" not in first)
+            assert next(parcel for parcel in parcels if "tables" in parcel)["reading"] is None
             whole = told(answer("", "/report.html"))
             for parcel in parcels:
-                del parcel["reading"]
+                parcel.pop("reading", None)
             story = functools.reduce(operator.or_, parcels)
             assert {key: story.get(key) for key in whole if "picture" not in key} == {
                 key: value for key, value in whole.items() if "picture" not in key

@@ -496,6 +496,22 @@ def test_a_push_that_gave_no_observation_is_named_at_once_and_can_be_repeated(ro
     assert pushed(table.states) == [1, 4, 2]
 
 
+def test_a_push_that_was_half_seen_can_be_repeated_too(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, start=2)
+    table.observed = False
+    ros.wait_for(table._observation_out.get_subscription_count, 60.0, "the subscription to observations")
+    for push_id, count in ((0, 5), (1, 2), (4, 3), (2, 5)):
+        for second in range(count):
+            observation = Observation(push_id=push_id)
+            observation.header.stamp.sec = second
+            table._observation_out.publish(observation)
+    table.wait_for_message("push 2 of 3 was given up: only 2 observations came from it, from others up to 5")
+    assert table.call("experiment/repeat")
+    last = table.wait_for_end()
+    assert (last.completed, last.aborted, last.skipped, table.left_out) == (2, 0, 0, [1])
+    assert pushed(table.states) == [1, 4, 2]
+
+
 @pytest.mark.parametrize("estimator", [True, False])
 def test_a_push_without_observations_counts_as_lost_where_nobody_attends(ros, controller, tmp_path, monkeypatch, estimator):
     """The estimator is told to leave it out, if there is one; else the run ends all the same, after LAST_WORDS."""

@@ -1,11 +1,12 @@
 """A recording, a bag or a CSV of observations: its settings, its observations, and an account of its messages."""
 
+import contextlib
 import functools
 import os
 import pathlib
 from collections import Counter, deque
-from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Collection, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -105,6 +106,8 @@ class Recorded:
         path: the file or the bag.
         namespace: of the cell; None: the bag has only one.
         bag: at this path, if it has been opened already.
+    Attributes:
+        on_observation: called with each observation as soon as it is read.
     Raises:
         InvalidInput: there is no such file, it is a folder of several bags, or it cannot be read.
         MissingPackage: it is a bag, and the packages that read bags are not installed.
@@ -113,6 +116,7 @@ class Recorded:
     def __init__(self, path: pathlib.Path, namespace: str | None = None, bag: "Bag | None" = None) -> None:
         check_source(path)
         self.path, self._namespace = path, namespace
+        self.on_observation: Callable[[Observation], None] = lambda observation: None
         self._bag = bag if bag is not None or path.suffix == ".csv" else _opened(path)
 
     @functools.cached_property
@@ -164,6 +168,17 @@ class Recorded:
         """Whether this is a bag with that topic."""
         return self._bag is not None and any(one.name == topic for one in self._bag.summary.topics)
 
+    def messages(self, types: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
+        """The messages of other topics of the cell, each with its topic's name: those of these types that can be read."""
+        if (bag := self._bag) is None:
+            return
+        there = {(topic.name, topic.type_name) for topic in bag.summary.topics}
+        names = {f"{self._cell(bag)}/{name}": name for name in types}
+        names = {full: name for full, name in names.items() if (full, types[name]) in there}
+        for message in bag.messages(names) if names else ():
+            with contextlib.suppress(ValueError, AttributeError):  # the ledger says so
+                yield names[message.topic], bag.deserialize(message)
+
     def read(self, model: ObjectModel, settings: EstimatorSettings, warn: Warn, partial: bool = False) -> "Reading":
         """The observations, with those of the model that the recorded run went on from first.
 
@@ -179,6 +194,8 @@ class Recorded:
         bag, path = self._bag, self.path
         if bag is None:
             found, ledger, record = read_observations(path, model.outline), Ledger(), None
+            for observation in found:
+                self.on_observation(observation)
         else:
             if not partial:
                 bag.require_whole()
@@ -223,12 +240,16 @@ class Recorded:
         ledger, record, before = Ledger(), RunRecord(bag, source.namespace), beside(self.path, PRIOR_FILE)
         outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
         made = _from_poses if source.kind == "poses" else _recorded
-        found = list(made(bag, source, outline, settings.trajectory, ledger, record, warn))
+        earlier = [] if model is None or before is None else prior(before, model)
+        found: list[Observation] = []
+        for observation in made(bag, source, outline, settings.trajectory, ledger, record, warn):
+            for one in (observation,) if found else (*earlier, observation):
+                self.on_observation(one)
+            found.append(observation)
         _enter_unread(bag, source, ledger)
         ledger.doubt_refused()
         for text in bag.lost:
             ledger.doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}")
-        earlier = [] if model is None or before is None else prior(before, model)
         of_the_run = found if model is not None and _is_recorded(self.path, model) else None
         record.close(ledger, of_the_run, settings, len(earlier))
         return (earlier if found else []) + found, ledger, record

@@ -13,9 +13,14 @@ from pushfric_core.cell.node_settings import REPORT_FILE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import CellOption, Input, ObjectOption, PartialFlag
+from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.files.disk import write_whole
+from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.page.run_server import Server
-from pushfric_core.page.story import Change, Told
+from pushfric_core.page.story import Change, Story
+from pushfric_core.trajectories.observation import Observation
+from pushfric_core.wording import counted
 
 BETWEEN = 0.5
 """Time between two changes of the page while the run is read [s]."""
@@ -38,31 +43,40 @@ def view(
         server = Server(ViewConfig(port=port), lambda request: request.answer(over), lambda looking: None, report)
         try:
             say(f"view: {server.url} (Ctrl-C ends it)")
-            server.show({"recorded": True, "reading": f"Reading {source} …"})
-            from pushfric_core.files.object_file import ObjectModel  # imported late: a page is shown before
-            from pushfric_core.offline.estimation import Choices, estimate_from
+            server.show({"recorded": True, "reading": [f"Reading {source} …", ""]})
+            from pushfric_core.offline.estimation import Choices, estimate_from  # imported late: a page is shown before
             from pushfric_core.page.report import beginning, in_one_file, told_again
-            from pushfric_core.trajectories.observation import Observation
 
-            def begin(model: ObjectModel, data: list[Observation]) -> None:
-                """Show what was observed, before anything is estimated."""
-                story, change = beginning(model, data)
-                for observation in data:
-                    change |= story.on_observation(observation)
-                server.show(change | {"reading": f"Estimating from {source} …"})
+            story: Story | None = None
+            waiting, shown_at, all_told = Change(), 0.0, threading.Event()
+
+            def show_read(model: ObjectModel, observation: Observation, estimate: Estimate) -> None:
+                """Show what was observed, and now and then what follows from it."""
+                nonlocal story, waiting, shown_at
+                if story is None:
+                    story, waiting = beginning(model, observation)
+                waiting |= story.on_observation(observation)
+                if time.monotonic() - shown_at > BETWEEN:
+                    waiting |= story.on_estimate(EstimateReport.of(estimate, model.name, None))
+                    far = f"{counted(estimate.pushes, 'push', 'pushes')} so far"
+                    server.show(waiting | {"reading": [f"Reading {source} …", far]})
+                    waiting, shown_at = Change(), time.monotonic()
 
             choices = Choices(object_name, partial=partial, namespace=namespace)
-            estimation = estimate_from(source, choices, warn, whole_course=True, on_data=begin)
-            told, waiting, seen, shown_at = Told(), Change(), 0, time.monotonic()
-            for change, jpeg in told_again(estimation, namespace):
-                told.take(change, jpeg)
+            estimation = estimate_from(source, choices, warn, whole_course=True, on_estimate=show_read)
+            seen = 0
+            for change, jpeg in told_again(estimation):
                 waiting |= change
                 seen += any(key.startswith("moment/") for key in change)
                 if jpeg or time.monotonic() - shown_at > BETWEEN:
-                    server.show(waiting | {"reading": f"Estimating from {source} again: {seen} observations so far"}, jpeg)
+                    far = f"{seen} of {counted(len(estimation.data), 'observation')}"
+                    server.show(waiting | {"reading": ["Estimating again, moment by moment …", far]}, jpeg)
                     waiting, shown_at = Change(), time.monotonic()
-            report.write_text(in_one_file(told), encoding="utf-8")
-            server.show(waiting | {"reading": None, "reported": True})
+            server.show(waiting | {"reading": None})
+            server.call(all_told.set)
+            all_told.wait()
+            report.write_text(in_one_file(server.told), encoding="utf-8")
+            server.show({"reported": True})
             threading.Event().wait()
         finally:
             server.close()
@@ -81,7 +95,7 @@ def report(
     from pushfric_core.page.report import report as page_of
 
     estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
-    write_whole(html, page_of(estimation, html, namespace))
+    write_whole(html, page_of(estimation, html))
     say(f"wrote {html}")
     if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
         sys.exit(1)

@@ -307,9 +307,9 @@ class Estimator:
         if observation.push_id not in self._rejected:
             self._append(observation, forces)
 
-    def keep(self, push_id: int) -> Estimate:
-        """Keep a push in, or take it back, even if something shows that it is bad. All observations are taken again."""
-        self._kept.add(push_id)
+    def keep(self, *push_ids: int) -> Estimate:
+        """Keep pushes in, or take them back, even if something shows that they are bad. All observations are taken again."""
+        self._kept |= set(push_ids)
         return self._take_again(self._seen)
 
     def exclude(self, push_id: int) -> Estimate:

@@ -66,8 +66,8 @@ class EstimatorSettings:
             outline: see `Estimator`.
         """
         estimator = Estimator(support_points, self.estimator, outline=outline)
-        for push_id in self.kept:
-            estimator.keep(push_id)
+        if self.kept:
+            estimator.keep(*self.kept)
         return estimator
 
     def relied_on(self, data: Iterable[Observation], support_points: npt.ArrayLike, warn: Warn) -> list[Observation]:

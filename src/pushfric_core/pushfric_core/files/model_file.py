@@ -25,6 +25,8 @@ from pushfric_core.trajectories.observation import PUSH_IDS, Observation
 from pushfric_core.wording import data_of, shortened
 
 SUFFIXES = (".yaml", ".yml")
+
+DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the first writes the same, in a third of the time
 FORMAT = 2
 VERSIONED = ("pushfric_core", "numpy", "scipy")
 """Packages whose versions a model names."""
@@ -276,5 +278,5 @@ def save_model(file: ModelFile, path: pathlib.Path) -> None:
 def as_yaml(file: ModelFile) -> str:
     """The text of the file."""
     content = file.model_dump(exclude_none=True, exclude_defaults=True)
-    text: str = yaml.safe_dump({"format": FORMAT} | content, sort_keys=False, default_flow_style=None, width=128)
-    return text
+    how = {"sort_keys": False, "default_flow_style": None, "width": 128}
+    return str(yaml.dump({"format": FORMAT} | content, Dumper=DUMPER, **how))

@@ -35,7 +35,7 @@ class Choices:
 class Estimation(NamedTuple):
     """The estimate, and what it was made from."""
 
-    source: pathlib.Path
+    recorded: Recorded
     model: ObjectModel
     settings: EstimatorSettings
     estimator: Estimator
@@ -56,7 +56,7 @@ class Estimation(NamedTuple):
 
     def to_model(self) -> ModelFile:
         """The model to keep."""
-        return make_model(self.model, self.result, str(self.source), self.settings)
+        return make_model(self.model, self.result, str(self.recorded.path), self.settings)
 
 
 def estimate_from(
@@ -64,7 +64,7 @@ def estimate_from(
     choices: Choices,
     warn: Warn,
     whole_course: bool = False,
-    on_data: Callable[[ObjectModel, list[Observation]], None] = lambda model, data: None,
+    on_estimate: Callable[[ObjectModel, Observation, Estimate], None] = lambda model, observation, estimate: None,
 ) -> Estimation:
     """The estimate with which a live run over the same data would end.
 
@@ -73,7 +73,7 @@ def estimate_from(
         choices: what the caller chose.
         warn: called with a line for each refused message or observation, note of the verdict, and contradiction.
         whole_course: keep the estimates after each observation.
-        on_data: called with what was read, before anything is estimated.
+        on_estimate: with the whole course, called with each observation as it is read, and the estimate after it.
     Raises:
         InvalidInput: the input, or a file that the choices name, is unusable.
         DamagedBag: messages are missing from the bag.
@@ -82,22 +82,24 @@ def estimate_from(
     settings = choices.settings.over(recorded.settings)
     model, _ = object_of(source, choices.object_name)
     model = with_support(model, choices.grid, choices.support_points)
-    reading = recorded.read(model, settings, warn, choices.partial)
     estimator = settings.new_estimator(model.support_points)
-    data = batch.usable_by(estimator, reading.observations, warn)
-    on_data(model, data)
-    course = _course(estimator, data, whole_course)
+    data: list[Observation] = []
+    course: list[Estimate] = []
+
+    def take(observation: Observation) -> None:
+        if observation.push_id in settings.excluded or not batch.usable_by(estimator, [observation], warn):
+            return
+        data.append(observation)
+        if whole_course:
+            course.append(estimator.add(observation))
+            on_estimate(model, observation, course[-1])
+
+    recorded.on_observation = take
+    reading = recorded.read(model, settings, warn, choices.partial)
+    batch.last(data)
+    course[-1:] = [estimator.estimate() if whole_course else estimator.add(data)]
     verdict = course[-1].verdict
     reading.settle(estimator)
     for note in verdict.notes:
         warn(note.text)
-    return Estimation(source, model, settings, estimator, data, course, verdict, reading.ledger)
-
-
-def _course(estimator: Estimator, data: list[Observation], whole: bool) -> tuple[Estimate, ...]:
-    """The last estimate, or the estimates after each observation."""
-    batch.last(data)
-    if not whole:
-        return (estimator.add(data),)
-    course = [estimator.add(one) for one in data]
-    return (*course[:-1], estimator.estimate())
+    return Estimation(recorded, model, settings, estimator, data, tuple(course), verdict, reading.ledger)

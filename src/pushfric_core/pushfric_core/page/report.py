@@ -12,14 +12,12 @@ import re
 import tempfile
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from PIL import Image
 
 import pushfric_core
-from pushfric_core.bags.recorded import Recorded
 from pushfric_core.bags.run_record import PLAN, TYPES
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import PushfricError
@@ -35,7 +33,7 @@ from pushfric_core.geometry.table_1 import TableObject
 from pushfric_core.mechanics.prediction import FrictionModel, foretold
 from pushfric_core.offline.estimation import Estimation
 from pushfric_core.page.figure import run_figure, with_belief
-from pushfric_core.page.story import RUN_PAGE, Change, Story, Told, with_histogram
+from pushfric_core.page.story import RUN_PAGE, Change, Story, Told, as_object, with_histogram
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.wording import counted
@@ -61,37 +59,35 @@ JPEG_QUALITY = 60
 """Quality of the pictures in the file: they are to be looked at; those in the bag are to be measured in."""
 
 
-def beginning(model: ObjectModel, data: Sequence[Observation]) -> tuple[Story, Change]:
+def beginning(model: ObjectModel, first: Observation) -> tuple[Story, Change]:
     """A story of recorded observations, and the change with which it begins."""
-    first = next((one.stamp for one in data if one.stamp), 0)
-    when = time.strftime(" %Y-%m-%d", time.gmtime(first * 1e-9)) if first > EARLIEST else ""
+    when = time.strftime(" %Y-%m-%d", time.gmtime(first.stamp * 1e-9)) if first.stamp > EARLIEST else ""
     story = Story(model, f"recorded{when}")
     return story, story.begin() | {"recorded": True}
 
 
-def told_again(
-    estimation: Estimation, namespace: str | None = None, file: pathlib.Path | None = None
-) -> Iterator[tuple[Change, bytes]]:
+def told_again(estimation: Estimation, file: pathlib.Path | None = None) -> Iterator[tuple[Change, bytes]]:
     """The story of a recorded run: its changes, each with its picture, if it tells of one; last, what only the end can tell.
 
     Args:
         estimation: with the estimates after each observation.
-        namespace: of the cell; None: a bag has only one.
         file: where the page will lie; its link to the recorded data counts from there. None: nowhere.
     """
-    story, begun = beginning(estimation.model, estimation.data)
+    source = estimation.recorded.path
+    story, begun = beginning(estimation.model, estimation.data[0])
     yield begun | {"estimate": with_histogram(estimation.figures(), BoundsReport.of(estimation.result))}, b""
     believed = set(with_belief(estimation.course))
     belief: FrictionModel | None = None  # after the last push, or one of those before
     planned = 0  # pushes
     ahead = deque(enumerate(zip(estimation.data, estimation.course, strict=True)))
-    for name, msg in itertools.chain(_recorded(estimation.source, namespace), [("", None)]):
+    for name, msg in itertools.chain(estimation.recorded.messages(RECORD), [("", None)]):
         stamp = -1 if msg is None or name == FAULT else stamp_from_msg(msg.header.stamp)
         while ahead and (msg is None or ahead[0][1][0].stamp <= stamp):
             number, (observation, estimate) = ahead.popleft()
             belief = estimate.belief if number in believed else belief
             change = story.on_observation(observation)
-            change |= story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief))
+            bounds = BoundsReport.of(estimate, with_slips=False)
+            change |= story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief, bounds=bounds))
             del change["estimate"]  # the last is told already
             yield change, b""
         if name == KEYFRAMES:
@@ -107,7 +103,7 @@ def told_again(
         {
             "doubts": [doubt.text for doubt in estimation.ledger.doubts],
             "files": {name: text for name, text in files.items() if text},
-            "data": os.path.relpath(estimation.source.resolve(), file.resolve().parent) if file else "",
+            "data": os.path.relpath(source.resolve(), file.resolve().parent) if file else "",
             "tables": {
                 "predictions": _predictions(estimation, planned),
                 "account": {
@@ -116,17 +112,17 @@ def told_again(
                 },
                 "settings": _settings(estimation.settings),
             },
-            "made": f"Made by pushfric {pushfric_core.__version__} from {estimation.source.name}. Lengths are in mm, in the"
-            " object frame; the unit of force is the support friction of the translating object.",
+            "made": f"Made by pushfric {pushfric_core.__version__} from {source.name}. Lengths are in mm, in the object frame;"
+            " the unit of force is the support friction of the translating object.",
         },
         b"",
     )
 
 
-def report(estimation: Estimation, file: pathlib.Path, namespace: str | None = None) -> str:
+def report(estimation: Estimation, file: pathlib.Path) -> str:
     """The page of a recorded run in one file; arguments as of `told_again`."""
     told = Told()
-    for change, jpeg in told_again(estimation, namespace, file):
+    for change, jpeg in told_again(estimation, file):
         told.take(change, jpeg)
     return in_one_file(told)
 
@@ -137,11 +133,10 @@ def in_one_file(told: Told) -> str:
     def read(name: str) -> str:
         return (RUN_PAGE / name).read_text(encoding="utf-8")
 
-    for key, jpeg in told.pictures.items():
-        told.values[f"src/{key}"] = f'"{_inline("image/jpeg", _small(jpeg))}"'
+    pictures = {f"src/{key}": f'"{_inline("image/jpeg", _small(jpeg))}"' for key, jpeg in told.pictures.items()}
     # in one module nothing is imported, and a story must not end its own element
     modules = re.sub(r"^(?:import .*\n|export )", "", "".join(read(f"{name}.js") for name in MODULES), flags=re.MULTILINE)
-    story = told.text().replace("<", "\\u003c")
+    story = as_object(told.values | pictures).replace("<", "\\u003c")
     inside = {
         'class="waiting live"': 'class="waiting over"',
         '<link rel="stylesheet" href="style.css">': f"<style>\n{read('style.css')}</style>",
@@ -171,35 +166,19 @@ def _inline(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def _recorded(source: pathlib.Path, namespace: str | None) -> Iterator[tuple[str, Any]]:
-    """The messages about a run besides the data: names of topics without the cell's, and messages that can be read."""
-    if source.suffix == ".csv":
-        return
-    from pushfric_core.bags.bag import Bag  # not above: a CSV needs none of its libraries
-
-    bag = Bag(source)
-    cell = Recorded(source, namespace, bag).source(with_forces=False).namespace
-    there = {(topic.name, topic.type_name) for topic in bag.summary.topics}
-    names = {f"{cell}/{name}": name for name, kind in RECORD.items() if (f"{cell}/{name}", kind) in there}
-    for message in bag.messages(names):
-        try:
-            yield names[message.topic], bag.deserialize(message)
-        except (ValueError, AttributeError):
-            continue  # the ledger says so
-
-
 def _predictions(estimation: Estimation, planned: int) -> Change:
     """The motion of the last pushes, predicted from those before them; `planned` pushes were to be made, 0: nobody says."""
-    data = list(estimation.estimator.observations)
-    pushes = list(dict.fromkeys(one.push_id for one in data))
-    tested = pushes[len(pushes) - math.ceil(TESTED * len(pushes)) :]
-    learnt = [one for one in data if one.push_id not in tested]
+    pushes: dict[int, list[Observation]] = {}
+    for one in estimation.estimator.observations:
+        pushes.setdefault(one.push_id, []).append(one)
+    tested = dict(list(pushes.items())[len(pushes) - math.ceil(TESTED * len(pushes)) :])
+    learnt = [one for one in estimation.estimator.observations if one.push_id not in tested]
     if len(pushes) - len(tested) < FEWEST_LEARNT:
         return {"text": f"Not tested: fewer than {FEWEST_LEARNT} pushes would be left to learn from."}
     estimator = dataclasses.replace(estimation.settings, kept=tuple(pushes)).new_estimator(estimation.estimator.support_points)
     try:
         model = friction_model(last(list(taken(estimator.add, learnt, lambda _: None))))
-        found = {push: foretold(model, [one for one in data if one.push_id == push]) for push in tested}
+        found = {push: foretold(model, those) for push, those in tested.items()}
     except PushfricError as error:
         return {"text": f"Not tested: {error}"}
     text = (

@@ -4,7 +4,7 @@ The story is one flat dict; a change is a part of it. A value of None removes a 
 
     cell, object     where the run comes from, the object's name, and its outline
     recorded         whether the run is over
-    reading          how much of a recorded run has been read, in words; nothing: all of it
+    reading          what is done with a recorded run that is not all told yet, and how far, in words
     estimate         the present estimate as the command line's JSON names it, with mu_c's histogram; None: no data yet
     moment/N         an observation: what was seen, what had been predicted, and the estimate after it
     push/ID          a push: whether it was left out or aborted
@@ -285,10 +285,6 @@ class Told:
             del self.values[key]
             self.pictures.pop(key, None)
         return told
-
-    def text(self) -> str:
-        """The whole story as JSON."""
-        return as_object(self.values)
 
 
 def as_object(values: dict[str, str]) -> str:

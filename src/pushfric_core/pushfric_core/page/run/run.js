@@ -30,6 +30,11 @@ export class Run {
     return this.age(key) >= GONE;
   }
 
+  /** The keys of the nodes that have ever reported, in order. */
+  get nodes() {
+    return [...this.#came.keys()].filter((key) => key.startsWith("node/") && key in this.story).sort();
+  }
+
   /** The story without what is too old to be so now: what passes, and what a node said that does not report any more. */
   present() {
     const story = Object.create(this.story); // of a long run, a copy would take longer than a frame
@@ -76,7 +81,12 @@ export class Run {
   }
 
   #arrange() {
-    const [moments, pushes, events, pictures] = KINDS.map((kind) => this.#numbered(`${kind}/`));
+    const found = Object.fromEntries(KINDS.map((kind) => [kind, []]));
+    for (const [key, value] of Object.entries(this.story)) {
+      const [kind, n] = key.split("/", 2);
+      found[kind]?.push(Object.assign(value, { key, n: Number(n) }));
+    }
+    const [moments, pushes, events, pictures] = KINDS.map((kind) => found[kind].sort((a, b) => a.n - b.n));
     const count = this.story.plan?.count || Infinity; // a push that is repeated follows its first try
     pushes.sort((a, b) => (a.n % count) - (b.n % count) || a.n - b.n);
     const rows = new Map(pushes.map((push) => [push.n, Object.assign(push, { moments: [], after: null })]));
@@ -84,15 +94,10 @@ export class Run {
     this.moments = moments.filter((moment) => rows.has(moment.push));
     this.moments.forEach((moment, index) => {
       const row = rows.get(moment.push);
-      known = moment.after ?? (this.story.reading ? null : known);
+      known = moment.after ?? known;
       row.after = moment.after ?? row.after;
       Object.assign(moment, { index, known, row, place: row.moments.push(moment) });
     });
     Object.assign(this, { pushes, events, pictures, version: this.version + 1 });
-  }
-
-  #numbered(prefix) {
-    const found = Object.entries(this.story).filter(([key]) => key.startsWith(prefix));
-    return found.map(([key, value]) => Object.assign(value, { key, n: Number(key.slice(prefix.length)) })).sort((a, b) => a.n - b.n);
   }
 }

@@ -186,7 +186,7 @@ function drawHeader() {
 
 function drawNow() {
   const { plan, fault, estimate } = story;
-  let prompt = story.reading || plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
+  let prompt = story.reading?.[0] || plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
@@ -199,7 +199,7 @@ function drawNow() {
   write("result_is", report ? "What only its end can tell follows below. All of it is in" : "The result to hand on will be in");
   write("again", `./pushfric view ${(story.report ?? "").replace(/\/[^/]*$/, "")}`);
   const alarm = plan?.phase === "alarm" ? story["node/actuator"]?.message : undefined; // what went wrong, and what to do about it
-  write("purpose", plan && plan.phase !== "finished" ? alarm ?? plan.purpose : "");
+  write("purpose", story.reading?.[1] ?? (plan && plan.phase !== "finished" ? alarm ?? plan.purpose : ""));
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
   at("now").className = connection === "live" && plan?.phase !== "silent" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
@@ -362,8 +362,10 @@ function drawCamera(moment, compared) {
   write("seen", said);
   at("seen").classList.toggle("problem", Boolean(unseen));
   const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
-  at("switches").hidden = !turned.lamp;
-  at("hand").hidden = connection !== "live" || !run.story["node/simulated_cell"];
+  for (const id of ["switches", "hand"]) {
+    at(id).hidden &&= !turned.lamp; // once it is there it keeps its place: nothing below moves when the run ends
+    at(id).style.visibility = turned.lamp ? "" : "hidden";
+  }
   for (const button of SWITCHES) button.ariaPressed = String(/(off|unplugged|is pressed)$/.test(turned[button.id]));
 }
 
@@ -397,9 +399,12 @@ function drawTable() {
     }
     const { after } = row, [verdict, bad] = judged(row);
     const texts = [run.numberOf(row.push), row.moments.length, mm(believed(after)?.[0]), mm(believed(after)?.[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
-    texts.forEach((text, column) => { if (line.cells[column].textContent !== String(text)) line.cells[column].textContent = text; });
-    line.cells[6].className = bad ? "bad" : "";
     const out = row.excluded || Boolean(rejectionOf(row)), button = line.lastChild.firstChild;
+    const now = [...texts, out, connection].join();
+    if (line.now === now) return; // to ask a thousand lines what they show takes longer than a frame
+    line.now = now;
+    texts.forEach((text, column) => { line.cells[column].textContent = text; });
+    line.cells[6].className = bad ? "bad" : "";
     line.className = out ? "out" : "";
     button.textContent = out ? "Keep" : "Exclude";
     button.ariaLabel = `${button.textContent} push ${run.numberOf(row.push)}`;
@@ -429,7 +434,7 @@ function drawNodes() {
   const signs = { ok: "✓", warning: "!", error: "✗", stale: "?" };
   const list = at("nodes");
   at("health").hidden = connection === "over"; // a bag tells of no node
-  for (const name of Object.keys(run.story).filter((key) => key.startsWith("node/")).sort()) {
+  for (const name of run.nodes) {
     const { level, message, values } = story[name];
     let details = list.querySelector(`[data-node="${name}"]`);
     if (!details) {

@@ -29,7 +29,7 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.timers import cell_timer, wall_timer
 from pushfric_ros.nodes.experiment.carrier import Carrier
 from pushfric_ros.nodes.experiment.operator import ALARM_PATIENCE, Choice, Ended, Operator
-from pushfric_ros.nodes.experiment.others import EstimatorAccount, Others
+from pushfric_ros.nodes.experiment.others import NOT_OBSERVED, EstimatorAccount, Others
 from pushfric_ros.nodes.experiment.reports import HIDDEN, LET_LIE, PAUSES, ReportedPusher, SeenObject
 
 WITHDRAWN = 1e-3  # a pusher nearer than this to the beginning of its stroke need not be brought back [m]
@@ -208,7 +208,10 @@ class ExperimentNode(Node):
         return await self._carrier.carry(goal) or await self._unobserved(push_id, push)
 
     async def _unobserved(self, push_id: int, push: str) -> str | None:
-        """Why a push that reached its end is of no use: the estimator made no observation of it, and none is to come."""
+        """Why a push that reached its end is of little use: the estimator made few observations of it, and none is to come.
+
+        Where nobody attends who could choose to repeat it, a few are better than none.
+        """
         end = self.get_clock().now().nanoseconds
 
         def outstanding() -> str | None:
@@ -220,9 +223,10 @@ class ExperimentNode(Node):
         await self._operator.until_well(outstanding, push, PlanProgress.PHASE_PUSHING)
         if self._operator.choice is not None:
             return self._operator.choice.value
-        if not self._estimator.lacks(push_id):
+        lack = self._estimator.lacks(push_id)
+        if lack is None or (lack != NOT_OBSERVED and not self._operator.attended):
             return None
-        return "no observation came from it" + "; the object is not seen" * self._object.unseen
+        return lack + "; the object is not seen" * self._object.unseen
 
     def _look(self) -> None:
         self._estimator.look()

@@ -1,5 +1,7 @@
 """The other nodes of the cell, as the experiment knows them."""
 
+from collections import defaultdict
+
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.task import Future
@@ -7,11 +9,14 @@ from rclpy.task import Future
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.estimation.push_plan import PlannedPush
+from pushfric_core.wording import counted
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, Observation
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Awaited, Diagnostics
 from pushfric_ros.node_kit.heartbeat import Listener
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
+
+NOT_OBSERVED = "no observation came from it"
 
 BEFORE_SLIPS = 3  # pushes for p_CF, before every other one that is chosen is for mu_c
 
@@ -32,7 +37,7 @@ class EstimatorAccount:
     def __init__(self, node: Node, topics: Diagnostics, chooses: bool) -> None:
         self.settled = self.pushed = -1
         self._newest = -1  # its newest observation [ns]
-        self._observed = -1  # the push that this is of
+        self._observed = defaultdict[int, set[int]](set)  # push -> the stamps of its observations [ns]
         self._region: CenterOfFrictionRegion | None = None
         self._mu_c = ContactFriction()
         self.unwanted: list[int] = []
@@ -51,9 +56,12 @@ class EstimatorAccount:
         estimated = self.settled >= self.pushed or not self._progress.get_publisher_count()
         return estimated and not self.unwanted and self._excluding.done()
 
-    def lacks(self, push_id: int) -> bool:
-        """Whether an observation of this push is still missed."""
-        return bool(self._progress.get_publisher_count()) and self._observed != push_id
+    def lacks(self, push_id: int) -> str | None:
+        """What is still missed of this push: all of its observations, or more than half of what others gave; None: nothing."""
+        found, most = len(self._observed[push_id]), max(1, *map(len, self._observed.values()))
+        if 2 * found >= most or not self._progress.get_publisher_count():
+            return None
+        return f"only {counted(found, 'observation')} came from it, from others up to {most}" if found else NOT_OBSERVED
 
     def look(self) -> None:
         """Tell it what to leave out, if it is time."""
@@ -86,7 +94,7 @@ class EstimatorAccount:
         self.settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
 
     def _on_observation(self, msg: Observation) -> None:
-        self._observed = msg.push_id
+        self._observed[msg.push_id].add(stamp_from_msg(msg.header.stamp))
 
     def _on_region(self, msg: CenterOfFrictionRegion) -> None:
         self._region = msg
