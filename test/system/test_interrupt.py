@@ -8,12 +8,10 @@ import subprocess
 import sys
 import time
 
-import cv2
 import numpy as np
 import pytest
 from calls import PROGRAM
 
-from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands.recorded_run import left_behind
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -55,20 +53,14 @@ def test_ctrl_c_is_quiet_whenever_it_comes(moment):
     assert ended.stderr.count("\n") == bool(said)
 
 
-def test_ctrl_c_says_that_no_calibration_was_written(tmp_path):
-    camera = Camera.looking_down(64, 48, center=(0.0, 0.0), metres_per_pixel=0.001)
-    save_camera(camera, tmp_path / "camera.yaml")
-    (tmp_path / "pictures").mkdir()
-    cv2.imwrite(str(tmp_path / "pictures/1.png"), np.zeros((48, 64), np.uint8))
-    before = (tmp_path / "camera.yaml").read_text()
-    arguments = ["calibrate", "table", "pictures", "--camera", "camera.yaml", "--view", "0"]
-    command = [*PROGRAM, *arguments]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as clicking:
-        assert clicking.stderr.readline().startswith("view: http://127.0.0.1:")
-        clicking.send_signal(signal.SIGINT)
-        said = clicking.stderr.read()
-    assert (clicking.returncode, said) == (130, "no calibration of the table was written to camera.yaml\n")
-    assert (tmp_path / "camera.yaml").read_text() == before
+def test_ctrl_c_says_that_no_object_was_written(tmp_path):
+    command = [*PROGRAM, "edit", "object.yaml", "--port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as drawing:
+        assert drawing.stderr.readline().startswith("view: http://127.0.0.1:")
+        drawing.send_signal(signal.SIGINT)
+        said = drawing.stderr.read()
+    assert (drawing.returncode, said) == (130, "nothing was written to object.yaml\n")
+    assert not (tmp_path / "object.yaml").exists()
 
 
 AFTER_A_RUN = """
@@ -123,7 +115,7 @@ def test_a_bag_that_is_left_is_named_with_its_pushes(tmp_path):
 def test_a_bag_that_gives_no_estimate_says_why(tmp_path):
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag/bag_0.mcap").touch()
-    assert left_behind(tmp_path / "bag").startswith(f"bag left in {tmp_path}/bag, which gives no estimate: {tmp_path}/bag")
+    assert left_behind(tmp_path / "bag").startswith(f"the bag {tmp_path}/bag gives no estimate: {tmp_path}/bag")
 
 
 def test_a_damaged_bag_leaves_its_result_under_what_is_in_doubt(tmp_path):

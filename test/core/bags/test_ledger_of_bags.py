@@ -18,7 +18,7 @@ from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.object_file import load_object
 from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.commands.recorded_run import disagreements
+from pushfric_ros.commands.recorded_run import disagreements, result_of
 from pushfric_ros.commands.watch import Monitor
 
 DEMO = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
@@ -303,9 +303,9 @@ def test_without_the_object_the_streams_are_still_checked(recording, tmp_path):
 def test_aborted_pushes_are_counted_against_the_plan():
     """All pushes of a plan count, also those that were given up before the pusher moved."""
     live = FrictionEstimate(data_points=72, pushes=14)
-    assert disagreements(DEMO, live, 14, 0) == []
-    assert disagreements(DEMO, live, 14, 13) == ["13 of 14 pushes were aborted"]
-    assert disagreements(DEMO, live, 1, 1) == ["1 of 1 push was aborted"]
+    assert disagreements(result_of(DEMO), live, 14, 0) == []
+    assert disagreements(result_of(DEMO), live, 14, 13) == ["13 of 14 pushes were aborted"]
+    assert disagreements(result_of(DEMO), live, 1, 1) == ["1 of 1 push was aborted"]
     with contextlib.closing(Monitor(Console(quiet=True), "/planned", "pushing", None, live=False)) as monitor:
         for phase, push_id, aborted in ((0, 4, 0), (1, 4, 0), (1, 5, 1), (2, 6, 2), (3, 13, 9)):
             monitor._on_progress(PlanProgress(phase=phase, push_id=push_id, count=14, aborted=aborted))

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from problems import observations_of
 
 from pushfric_core import TABLE_1, Estimator
+from pushfric_core.files.figure_file import save_figure
 from pushfric_core.page.figure import run_figure
 
 KNOWN = TABLE_1["rubber_rect4"]
@@ -47,7 +48,7 @@ def labels(axes):
 
 @pytest.mark.parametrize("truth", [KNOWN, None])
 def test_the_histogram_counts_every_lower_bound_and_marks_p90_and_max(drawn, estimates, tmp_path, truth):
-    run_figure(tmp_path / "figure.png", KNOWN.outline, estimates, DATA, truth)
+    save_figure(run_figure(KNOWN.outline, estimates, DATA, truth), tmp_path / "figure.png")
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     axes = panel(drawn[0], "Lower bounds")
     (bars,) = axes.containers
@@ -67,7 +68,7 @@ def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):
     estimator = Estimator(KNOWN.support_points)
     course = [estimator.add(pull)]
     assert course[-1].mu_c_max == math.inf
-    run_figure(tmp_path / "figure.png", KNOWN.outline, course, [pull], None)
+    save_figure(run_figure(KNOWN.outline, course, [pull], None), tmp_path / "figure.png")
     axes = panel(drawn[0], "Lower bounds")
     (bars,) = axes.containers
     assert heights(bars)[-1] == 1

@@ -13,7 +13,7 @@ from rich.console import Console
 from pushfric_core.bags.bag import Bag
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands import watch
-from pushfric_ros.commands.recorded_run import failures, write_result
+from pushfric_ros.commands.recorded_run import failures, result_of, write_result
 from pushfric_ros.graph.supervisor import Ended
 
 DEMO = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
@@ -44,8 +44,8 @@ def test_what_went_wrong_is_in_the_bag(monkeypatch, tmp_path, field, value, said
     monkeypatch.setattr(Bag, "deserialize", changed)
     assert failures(DEMO, "/cell")[0] == said
     bag = shutil.copytree(DEMO, tmp_path / "bag")
-    doubts = [doubt.text for doubt in write_result(bag, [said]).ledger.doubts]
-    assert doubts.count(said) == 1
+    write_result(bag, result := result_of(bag), [said])
+    assert [doubt.text for doubt in result.estimation.ledger.doubts].count(said) == 1
 
 
 def test_a_bag_without_a_plan_or_no_bag_is_a_failed_run(tmp_path):

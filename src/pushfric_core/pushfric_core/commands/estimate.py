@@ -93,8 +93,8 @@ def _one(
         check_name(save)
     if figure is not None:
         # imported late: loading matplotlib takes longer than estimating most bags
-        from pushfric_core.files.figure_file import check_image_name
-        from pushfric_core.page.report import draw
+        from pushfric_core.files.figure_file import check_image_name, save_figure
+        from pushfric_core.page.report import figure_of
 
         check_image_name(figure)
     estimation = estimate_from(source, choices, warn, whole_course=figure is not None)
@@ -102,7 +102,7 @@ def _one(
     for reason in estimation.verdict.reasons:
         warn(reason.text)
     if figure is not None:
-        draw(estimation, figure)
+        save_figure(figure_of(estimation), figure)
     if save is not None:
         if result.contradiction is not None:
             raise InvalidInput(f"{save}: not written: {result.contradiction}")

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import pathlib
 import textwrap
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -27,7 +26,6 @@ from pushfric_core.estimation.picture import (
     draw_support_friction,
     legend,
 )
-from pushfric_core.files.figure_file import save_figure
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, transform
 from pushfric_core.geometry.table_1 import TableObject
@@ -49,26 +47,24 @@ def with_belief(estimates: Sequence[Estimate]) -> list[int]:
 
 
 def run_figure(
-    path: pathlib.Path,
     outline: Outline,
     estimates: Sequence[Estimate],
     data: Sequence[Observation],
     truth: TableObject | None,
     slipping: Collection[int] = (),
     doubts: Sequence[str] = (),
-) -> None:
+) -> Figure:
     """Four panels: trajectories with contacts (Figure 3), w (Figure 5), mu_c (Figure 8), error of p_CF (Figure 11).
 
     Args:
-        path: where to write the image; its suffix selects the format.
         outline: of the object.
         estimates: the estimates after each observation, at least one; w and mu_c are drawn from the last.
         data: the observations of the last estimate.
         truth: the simulated object; None if it is not known: then the last panel shows p_CF itself instead of its error.
         slipping: ids of the pushes whose contact is known to slip; the figure marks their lower bounds on mu_c.
         doubts: about the data, in words; they stand above the panels.
-    Raises:
-        InvalidInput: the image cannot be written.
+    Returns:
+        The figure, laid out, because that takes as long as to draw it.
     """
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(11, 8.4), layout="constrained")
@@ -78,7 +74,9 @@ def run_figure(
         _draw_support_friction(friction, outline, estimates[-1], truth)
         _draw_contact_friction(contact, estimates[-1], [one.push_id in slipping for one in data], truth)
         _draw_center_of_friction(errors, outline, estimates, truth)
-        save_figure(figure, path)
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
+    return figure
 
 
 def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation]) -> None:

@@ -9,12 +9,12 @@ import math
 import os
 import pathlib
 import re
-import tempfile
 import time
 from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
+from matplotlib.figure import Figure
 from PIL import Image
 
 import pushfric_core
@@ -66,12 +66,15 @@ def beginning(model: ObjectModel, first: Observation) -> tuple[Story, Change]:
     return story, story.begin() | {"recorded": True}
 
 
-def told_again(estimation: Estimation, file: pathlib.Path | None = None) -> Iterator[tuple[Change, bytes]]:
+def told_again(
+    estimation: Estimation, file: pathlib.Path | None = None, figure: Figure | None = None
+) -> Iterator[tuple[Change, bytes]]:
     """The story of a recorded run: its changes, each with its picture, if it tells of one; last, what only the end can tell.
 
     Args:
         estimation: with the estimates after each observation.
         file: where the page will lie; its link to the recorded data counts from there. None: nowhere.
+        figure: `figure_of` the run, if it is there already.
     """
     source = estimation.recorded.path
     story, begun = beginning(estimation.model, estimation.data[0])
@@ -98,7 +101,9 @@ def told_again(estimation: Estimation, file: pathlib.Path | None = None) -> Iter
             planned = msg.count
             yield story.on_plan(msg), b""
     yield story.on_settings(estimation.settings.to_text()), b""
-    files = {"model.yaml": model_of(estimation), "observations.csv": _table_of(estimation), "figure.svg": _drawing(estimation)}
+    svg = io.StringIO()
+    (figure_of(estimation) if figure is None else figure).savefig(svg, format="svg")
+    files = {"model.yaml": model_of(estimation), "observations.csv": _table_of(estimation), "figure.svg": svg.getvalue()}
     yield (
         {
             "doubts": [doubt.text for doubt in estimation.ledger.doubts],
@@ -119,10 +124,10 @@ def told_again(estimation: Estimation, file: pathlib.Path | None = None) -> Iter
     )
 
 
-def report(estimation: Estimation, file: pathlib.Path) -> str:
+def report(estimation: Estimation, file: pathlib.Path, figure: Figure | None = None) -> str:
     """The page of a recorded run in one file; arguments as of `told_again`."""
     told = Told()
-    for change, jpeg in told_again(estimation, file):
+    for change, jpeg in told_again(estimation, file, figure):
         told.take(change, jpeg)
     return in_one_file(told)
 
@@ -229,14 +234,7 @@ def _table_of(estimation: Estimation) -> str:
     return text.getvalue()
 
 
-def _drawing(estimation: Estimation) -> str:
-    with tempfile.TemporaryDirectory() as folder:
-        path = pathlib.Path(folder) / "figure.svg"
-        draw(estimation, path)
-        return path.read_text()
-
-
-def draw(estimation: Estimation, path: pathlib.Path, known: TableObject | None = None) -> None:
-    """The figure of a run under what is in doubt, with the truth if the object is known; raises as `run_figure`."""
+def figure_of(estimation: Estimation, known: TableObject | None = None) -> Figure:
+    """The figure of a run under what is in doubt, with the truth if the object is known."""
     data, doubts = estimation.estimator.observations, [one.text for one in estimation.ledger.doubts]
-    run_figure(path, estimation.model.outline, estimation.course, data, known, estimation.settings.slipping, doubts)
+    return run_figure(estimation.model.outline, estimation.course, data, known, estimation.settings.slipping, doubts)

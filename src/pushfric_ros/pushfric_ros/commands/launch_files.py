@@ -11,7 +11,7 @@ from pushfric_core.commands.cell_options import AUTO_VIEW, view_at
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.object_file import OBJECT_FILE
 from pushfric_ros.commands.demo import SPEED, demo_cell
-from pushfric_ros.commands.recorded_run import failures, write_result
+from pushfric_ros.commands.recorded_run import failures, result_of, write_result
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import Launchable, NodeSpec
 
@@ -26,7 +26,7 @@ def _found(values: Mapping[str, str], namespace: str) -> Sequence[str]:
     bag = pathlib.Path(values["bag"])
     found = failures(bag, namespace)
     try:
-        write_result(bag, found)
+        write_result(bag, result_of(bag), found)
     except PushfricError as error:
         found.append(f"no result: {error}")
     return found

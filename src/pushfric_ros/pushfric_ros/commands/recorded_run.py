@@ -2,16 +2,13 @@
 
 import pathlib
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from pushfric_core.cell.node_settings import REPORT_FILE
 from pushfric_core.commands.console import warn
 from pushfric_core.errors import PushfricError
-from pushfric_core.estimation.batch import taken
 from pushfric_core.estimation.push_plan import index_of, number_of
 from pushfric_core.files.disk import write_whole
-from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
 from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_core.wording import counted
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
@@ -19,48 +16,64 @@ from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from pushfric_core.bags.recorded import Reading
     from pushfric_core.geometry.table_1 import TableObject
     from pushfric_core.offline.estimation import Estimation
 
 FIGURE_FILE, MODEL_FILE = "figure.png", "model.yaml"
 
 
+class Result(NamedTuple):
+    """The result of a run, from its bag alone."""
+
+    estimation: "Estimation | None"  # None: the bag gives none
+    doubts: list[str]  # in words: what is missing from the bag, or why it gives no estimate
+
+
+def result_of(bag: pathlib.Path) -> Result:
+    """The result of a run, however it ended."""
+    from pushfric_core.bags.bag import DamagedBag  # not before the run has ended: it would hold 10 MB meanwhile
+    from pushfric_core.offline.estimation import Choices, estimate_from
+
+    try:
+        try:
+            return Result(estimate_from(bag, Choices(), warn, whole_course=True), [])
+        except DamagedBag as damage:
+            return Result(estimate_from(bag, Choices(partial=True), warn, whole_course=True), [str(damage)])
+    except PushfricError as error:
+        return Result(None, [f"the bag {bag} gives no estimate: {error}"])
+
+
 def left_behind(bag: pathlib.Path) -> str:
     """The remains of an interrupted run, in words."""
     if not bag.exists() or not any(bag.iterdir()):
         return "interrupted before there was a bag"
+    result = result_of(bag)
+    if result.estimation is None:
+        return result.doubts[0]
     try:
-        data = write_result(bag, ["the run was interrupted"]).data
+        write_result(bag, result, ["the run was interrupted"])
     except PushfricError as error:
-        return f"bag left in {bag}, which gives no estimate: {error}"
-    from pushfric_core.bags.bag import Bag  # not before the run has ended, as below
-
-    pushes, how = len({point.push_id for point in data}), " --partial" * (Bag(bag).damage is not None)
+        return f"bag left in {bag}; no report: {error}"
+    pushes, how = len({point.push_id for point in result.estimation.data}), " --partial" * bool(result.doubts)
     return f"report: {bag / REPORT_FILE}\nbag left in {bag} (pushes: {pushes}); ./pushfric estimate {bag}{how} reads it"
 
 
-def disagreements(bag: pathlib.Path, live: FrictionEstimate | None, planned: int, aborted: int) -> list[str]:
+def disagreements(result: Result, live: FrictionEstimate | None, planned: int, aborted: int) -> list[str]:
     """Contradictions between the bag, the live estimate and the plan of a finished run, in words; empty if all agree.
 
     Args:
-        bag: folder of the bag.
+        result: of the run.
         live: the last estimate that the run published; None if there was none.
         planned: number of pushes that the run was to carry out.
         aborted: number of those that did not reach their end.
     """
     said = [f"{aborted} of {counted(planned, 'push was', 'pushes were')} aborted"] if aborted else []
-    try:
-        model, settings, reading = _recorded(bag)
-    except PushfricError as error:
-        return [*said, f"the bag {bag} gives no estimate: {error}"]
-    said += [one.text for one in reading.ledger.doubts]
-    estimator = settings.new_estimator(model.support_points)
-    # the node has reported the observations that it refused
-    counts = (0, 0)
-    for estimate in taken(estimator.add, reading.observations, lambda _: None):
-        counts = estimate.data_points, estimate.pushes
-    live_counts = (0, 0) if live is None else (live.data_points, live.pushes)
+    said += result.doubts
+    if result.estimation is None:
+        return said
+    said += [one.text for one in result.estimation.ledger.doubts]
+    last, bag = result.estimation.result, result.estimation.recorded.path
+    counts, live_counts = (last.data_points, last.pushes), (0, 0) if live is None else (live.data_points, live.pushes)
     if counts != live_counts:
         said.append(
             "the live estimate missed messages that are in the bag, or the other way round: it has {} observations of {} "
@@ -93,7 +106,7 @@ def failures(bag: pathlib.Path, namespace: str) -> list[str]:
     number = number_of(course[-1].push_id, course[-1].count) if course else ""
     if not course or course[-1].phase != PlanProgress.PHASE_FINISHED:
         return [f"the plan is not finished: it stood at push {number}" if course else "no plan was begun"]
-    return disagreements(bag, live, pushes_of(course[0]), course[-1].aborted)
+    return disagreements(result_of(bag), live, pushes_of(course[0]), course[-1].aborted)
 
 
 def pushes_of(first: PlanProgress) -> int:
@@ -101,36 +114,32 @@ def pushes_of(first: PlanProgress) -> int:
     return first.count - index_of(first.push_id, first.count) + first.completed + first.aborted + first.skipped
 
 
-def write_result(bag: pathlib.Path, doubts: Sequence[str], known: "TableObject | None" = None) -> "Estimation":
-    """Write page, figure and model of a run, however it ended, into its bag's folder.
+def write_result(bag: pathlib.Path, result: Result, doubts: Sequence[str], known: "TableObject | None" = None) -> None:
+    """Write page, figure and model of a run, if it gave an estimate, into its bag's folder.
 
     Args:
         bag: folder of the bag.
+        result: of the run.
         doubts: what was wrong with the run, in words; they stand on top, with those about the bag.
         known: the simulated object.
-    Returns:
-        The estimation.
     Raises:
-        PushfricError: the bag gives no estimate.
+        PushfricError: they cannot be written.
     """
-    from pushfric_core.bags.bag import DamagedBag  # not before the run has ended, as below
-    from pushfric_core.offline.estimation import Choices, estimate_from
-    from pushfric_core.page.report import draw, model_of, report
+    from pushfric_core.files.figure_file import save_figure  # not before the run has ended, as above
+    from pushfric_core.page.report import figure_of, model_of, report
 
-    try:
-        estimation = estimate_from(bag, Choices(), warn, whole_course=True)
-    except DamagedBag as damage:
-        estimation = estimate_from(bag, Choices(partial=True), warn, whole_course=True)
-        doubts = [*doubts, str(damage)]
+    if (estimation := result.estimation) is None:
+        return
     told = [one.text for one in estimation.ledger.doubts]
-    for doubt in doubts:
+    for doubt in (*doubts, *result.doubts):
         if doubt not in told:
             estimation.ledger.doubt(DoubtCode.RUN_FAILED, doubt)
-    write_whole(bag / REPORT_FILE, report(estimation, bag / REPORT_FILE))
-    draw(estimation, bag / FIGURE_FILE, known)
+            told.append(doubt)
+    figure = figure_of(estimation, known)
+    write_whole(bag / REPORT_FILE, report(estimation, bag / REPORT_FILE, figure))
+    save_figure(figure, bag / FIGURE_FILE)
     if model := model_of(estimation):
         write_whole(bag / MODEL_FILE, model)
-    return estimation
 
 
 def print_result(console: "Console", bag: pathlib.Path) -> None:
@@ -139,11 +148,3 @@ def print_result(console: "Console", bag: pathlib.Path) -> None:
         if (bag / name).exists():
             console.print(f"{what}{bag / name}", markup=False)
     console.print(f"bag:    {bag}", markup=False)
-
-
-def _recorded(bag: pathlib.Path) -> "tuple[ObjectModel, EstimatorSettings, Reading]":
-    """The object of a bag, the settings it was estimated with, and what it gives."""
-    from pushfric_core.bags.recorded import Recorded  # not before the run has ended: it would hold 10 MB meanwhile
-
-    model, recorded = load_object(str(bag / OBJECT_FILE)), Recorded(bag)
-    return model, recorded.settings, recorded.read(model, recorded.settings, lambda _: None)

@@ -27,7 +27,7 @@ from pushfric_core.estimation.push_plan import index_of
 from pushfric_core.geometry.table_1 import TableObject
 from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
-from pushfric_ros.commands.recorded_run import disagreements, pushes_of, write_result
+from pushfric_ros.commands.recorded_run import disagreements, pushes_of, result_of, write_result
 from pushfric_ros.graph.graph import VIEW, NodeSpec
 from pushfric_ros.graph.supervisor import Ended, Supervisor
 from pushfric_ros.messages.markers import center_of_friction_from
@@ -125,12 +125,12 @@ def watch(
             if ended.code == 0 and supervisor.failed_at_the_end is not None:
                 ended = supervisor.failed_at_the_end
             if recorded is not None:
-                doubts = [ended.reason]
+                result, doubts = result_of(recorded), [ended.reason]
                 if ended.code == 0:
-                    doubts = disagreements(recorded, monitor.estimate, monitor.planned, monitor.aborted)
+                    doubts = disagreements(result, monitor.estimate, monitor.planned, monitor.aborted)
                     ended = Ended(1, "; ".join(doubts)) if doubts else ended
                 try:
-                    write_result(recorded, doubts, known)
+                    write_result(recorded, result, doubts, known)
                 except PushfricError as error:
                     warn(f"no result: {error}")
         if ended.code == 0 and supervisor.failed_at_the_end is not None:

@@ -57,7 +57,7 @@ class EstimatorAccount:
         return estimated and not self.unwanted and self._excluding.done()
 
     def lacks(self, push_id: int) -> str | None:
-        """What is still missed of this push: all of its observations, or more than half of what others gave; None: nothing."""
+        """The lack of this push: all of its observations, or more than half of what others gave; None: nothing."""
         found, most = len(self._observed[push_id]), max(1, *map(len, self._observed.values()))
         if 2 * found >= most or not self._progress.get_publisher_count():
             return None
