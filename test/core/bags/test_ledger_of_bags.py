@@ -157,7 +157,7 @@ def test_nothing_is_lost_in_silence(recording, whole, tmp_path, write, kinds, se
     ],
 )
 def test_pushes_that_are_missing_are_named_by_every_door(recording, whole, tmp_path, pushes, said):
-    begin, end = recording.span_of(pushes[0])[0], recording.span_of(pushes[-1])[1]
+    begin, end = recording.span_of(pushes[0])[0] if pushes.start else recording.start, recording.span_of(pushes[-1])[1]
     kept = [m for m in recording.messages if not begin <= m.log_time_ns <= end]
     bag = recording.write_elsewhere(tmp_path / "bag", kept)
     reading, _ = reading_of(bag)
@@ -199,17 +199,14 @@ def test_pushes_that_have_changed_their_ids_are_missing(recording, tmp_path, pus
 
 
 def test_only_what_is_proven_is_called_whole(recording, tmp_path):
-    """Recorded elsewhere, begun late at rest, or with single frames that a camera has dropped: nothing is wrong, nor proven."""
+    """Recorded elsewhere, or with single frames that a camera has dropped: nothing is wrong, nor proven."""
     sentence = "complete as far as the streams can say"
-    begin = recording.span_of(2)[1] + SECOND
     moments = [recording.span_of(push)[1] - SECOND for push in (3, 6)]
     out = [next(n for n in recording.numbers(POSE) if recording.messages[n].log_time_ns > at) for at in moments]
     dropped = [m for number, m in enumerate(recording.messages) if number not in out]
-    late = [m for m in recording.messages if m.log_time_ns > begin]
     cases = (
         (recording.write, recording.messages, "whole", ""),
         (recording.write_elsewhere, recording.messages, sentence, ""),
-        (recording.write_elsewhere, late, sentence, "the pusher states begin with push 4"),
         (recording.write_elsewhere, dropped, sentence, "2 poses of pushes did not come, one or two at a time"),
     )
     for number, (write, messages, state, remark) in enumerate(cases):
@@ -222,6 +219,36 @@ def test_only_what_is_proven_is_called_whole(recording, tmp_path):
         assert json.loads(invoked("bag", "verify", bag, "--json").stdout)["whole"] == (state == "whole")
         run = invoked("estimate", bag)
         assert (run.exit_code, remark in " ".join(run.stderr.split())) == (0, True)
+
+
+def half_of_a_push_with_another_id(recording):
+    begin, end = recording.span_of(3)
+
+    def change(msg):
+        msg.push_id = 14 if msg.push_id == 3 else msg.push_id
+
+    late = (begin + end) // 2
+    return [recording.changed(m, change) if m.topic == STATE and m.log_time_ns > late else m for m in recording.messages]
+
+
+def each(recording, topic, step, since=0):
+    """Only each so many message of a topic, after the first ones."""
+    kept = {*recording.numbers(topic)[:since], *recording.numbers(topic)[since::step]}
+    return [m for number, m in enumerate(recording.messages) if m.topic != topic or number in kept]
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (half_of_a_push_with_another_id, DoubtCode.NO_BEGINNING),
+        (lambda bag: each(bag, STATE, 20), DoubtCode.STATES_MISSING),
+        (lambda bag: each(bag, POSE, 4, 435), DoubtCode.POSES_DROPPED),
+    ],
+)
+def test_streams_that_are_thin_or_whose_ids_change_are_a_doubt(recording, whole, tmp_path, change, code):
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", change(recording)))
+    assert not contents(whole[0]) <= contents(reading)
+    assert code in {one.code for one in reading.ledger.doubts}
 
 
 def test_states_that_begin_after_the_poses_tell_of_pushes_before(recording, tmp_path):

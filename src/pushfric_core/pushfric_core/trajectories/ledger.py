@@ -74,7 +74,6 @@ class DoubtCode(StrEnum):
     CLOCKS_DIFFER = auto()
 
     # the pushes
-    BEGINS_LATE = auto()
     PUSHES_MISSING = auto()
     NO_BEGINNING = auto()
     NO_END = auto()
@@ -90,8 +89,8 @@ class DoubtCode(StrEnum):
     RUN_FAILED = auto()
 
 
-REMARKS = frozenset((DoubtCode.POSES_DROPPED, DoubtCode.BEGINS_LATE))
-"""Codes of what also happens where nothing went wrong: cameras drop single frames, and recorders begin late."""
+REMARKS = frozenset((DoubtCode.POSES_DROPPED,))
+"""Codes of what also happens where nothing went wrong: cameras drop single frames."""
 
 
 class Doubt(NamedTuple):

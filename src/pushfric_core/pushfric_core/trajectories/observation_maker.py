@@ -1,7 +1,7 @@
 """Observations from what a cell measures: poses and pusher states, and the measured forces where these are needed."""
 
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.trajectories.course import Planned
+from pushfric_core.trajectories.course import UNPLANNED, Planned
 from pushfric_core.trajectories.following import Apart
 from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Ledger
 from pushfric_core.trajectories.observation import Observation
@@ -50,7 +50,7 @@ class ObservationMaker:
         """As `Trajectory.skew`."""
         return self._trajectory.skew
 
-    def ledger(self, planned: Planned | None = None, numbered: bool = True, ended: bool = True) -> Ledger:
+    def ledger(self, planned: Planned = UNPLANNED, numbered: bool = True, ended: bool = True) -> Ledger:
         """The account of all samples so far, as `Trajectory.ledger`. Observations that were made have no end here."""
         ledger = self._trajectory.ledger(planned, numbered, ended)
         if self._forces is not None:

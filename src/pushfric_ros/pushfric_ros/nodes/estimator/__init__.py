@@ -64,7 +64,10 @@ class EstimatorNode(Node):
         topics = Diagnostics(self, self._health, prefix)
         self._publications = Publications(topics)
         self._announcements = Announcements(self, topics)
-        self._begin(model.object if self._resumption is None else self._resumption.start.object)
+        if self._resumption is None:
+            self._begin(model.object, 0)
+        else:
+            self._begin(self._resumption.start.object)
         # the compiled solver is loaded now, not with the first observation
         self._settings.new_estimator(self._now.object.support_points).estimate()
         self._observations_out = self._recorder = None
@@ -148,12 +151,12 @@ class EstimatorNode(Node):
             known = "no observations" if estimate is None else data_of(estimate.data_points, estimate.pushes)
             self.get_logger().warning(f"has gone on from the bag with {known}; the topics lead from here")
 
-    def _begin(self, chosen: str) -> None:
-        """Start a new estimate of an object, given by its name or file."""
+    def _begin(self, chosen: str, first: int | None = None) -> None:
+        """Start a new estimate of an object, given by its name or file; the first push as of `PlanRecord`."""
         settings = self._settings
         if self._resumption is not None and self._resumption.settings is not None:
             settings = dataclasses.replace(settings, excluded=self._resumption.settings.excluded)
-        self._now = Estimation(chosen, settings, self.get_logger())
+        self._now = Estimation(chosen, settings, self.get_logger(), first)
         for observation in self._prior if chosen == self._initial else ():
             self._now.learn(observation)
         self._publications.begin(self._now)
