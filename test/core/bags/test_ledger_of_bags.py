@@ -251,14 +251,6 @@ def test_streams_that_are_thin_or_whose_ids_change_are_a_doubt(recording, whole,
     assert code in {one.code for one in reading.ledger.doubts}
 
 
-def test_states_that_begin_after_the_poses_tell_of_pushes_before(recording, tmp_path):
-    begin = recording.span_of(9)[1] + SECOND
-    kept = [m for m in recording.messages if m.topic != STATE or m.log_time_ns > begin]
-    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", kept))
-    (doubt,) = reading.ledger.doubts
-    assert (doubt.code, doubt.text.partition(" are")[0]) == (DoubtCode.PUSHES_MISSING, "pushes 1 to 10")
-
-
 def test_single_frames_are_a_doubt_where_they_cost_observations(recording, whole, tmp_path):
     out = set(recording.numbers(POSE)[::20])
     bag = recording.write_elsewhere(tmp_path / "bag", [m for n, m in enumerate(recording.messages) if n not in out])
