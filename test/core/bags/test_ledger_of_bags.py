@@ -271,6 +271,14 @@ def test_clocks_that_step_against_each_other_are_a_doubt(recording, tmp_path, of
     assert abs(doubt.stamp - recording.messages[recording.numbers(POSE)[435]].log_time_ns) < 3 * SECOND
 
 
+@pytest.mark.parametrize("speed", [0.5, 3.0])
+def test_a_recorder_with_another_kind_of_time_shows_no_steps(recording, tmp_path, speed):
+    """`ros2 bag record` of a simulated cell, which runs at another speed than the time of day."""
+    hurried = [m._replace(log_time_ns=round((m.log_time_ns - recording.start) / speed)) for m in recording.messages]
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", hurried))
+    assert reading.ledger.lines == []
+
+
 def test_a_loss_before_a_recovery_decides(recording, tmp_path):
     """Chunks without any observation are lost: what comes out is the same, but nobody can know that."""
     bag = recording.write(tmp_path / "bag", recording.messages)
