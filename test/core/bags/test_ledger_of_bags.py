@@ -258,6 +258,12 @@ def test_clocks_that_step_against_each_other_are_a_doubt(recording, tmp_path, of
     assert abs(doubt.stamp - recording.messages[recording.numbers(POSE)[435]].log_time_ns) < 3 * SECOND
 
 
+def test_the_last_push_may_be_repeated_twice(recording, tmp_path):
+    """Without the plan, which has twelve pushes here."""
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", renamed(recording, {12: 23, 13: 35})))
+    assert reading.ledger.doubts == []
+
+
 @pytest.mark.parametrize("speed", [0.5, 3.0])
 def test_a_recorder_with_another_kind_of_time_shows_no_steps(recording, tmp_path, speed):
     """`ros2 bag record` of a simulated cell, which runs at another speed than the time of day."""

@@ -220,8 +220,8 @@ def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, li
     """The ids that are missing from those of some pushes, each time with the one before them.
 
     The id of a repeated push grows by the number of the plan's pushes, so that smaller ones follow. Where none follows, and the
-    plan is not known, the repeated push is taken for its last one. An id that comes again begins another run, and so does a
-    smaller one that follows others than repeated pushes.
+    plan is not known, a push that is repeated once or twice is taken for its last one. An id that comes again begins another
+    run, and so does a smaller one that follows others than repeated pushes.
 
     Args:
         ids: at least one, in order of time.
@@ -242,10 +242,12 @@ def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, li
         seen.add(one)
         runs[-1] = [*smaller, one]
     for run in runs:
+        if planned.number is None:
+            for last in run[-3:-1]:
+                if last > 0 and all((one - last) % (last + 1) == 0 for one in run if one > last):
+                    run = [one for one in run if one <= last]
         for before, after in pairwise(run):
-            missing = [one for one in range(before + 1, after) if one not in left_out]
-            repeated = planned.number is None and after == run[-1] and before > 0 and (after - before) % (before + 1) == 0
-            if missing and not repeated:
+            if missing := [one for one in range(before + 1, after) if one not in left_out]:
                 yield before, missing
 
 
