@@ -734,7 +734,9 @@ def run(command: list, what: str, environment: dict[str, str]) -> None:
     if live:
         print("\r\033[K", end="", file=sys.stderr)
     if code:
-        tail = "\n".join(log.read_text(errors="replace").splitlines()[-30:])
+        said = log.read_text(errors="replace").splitlines()
+        since = next((number for number, line in enumerate(said) if line.startswith(("ERROR", "error"))), 0)
+        tail = "\n".join(said[since:][-30:])
         raise SetupError(f"{tail}\n{what} failed; the whole output is in {log.relative_to(ROOT)}")
     say(f"{what}: {time.monotonic() - start:.0f} s")
 

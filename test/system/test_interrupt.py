@@ -53,6 +53,21 @@ def test_ctrl_c_is_quiet_whenever_it_comes(moment):
     assert ended.stderr.count("\n") == bool(said)
 
 
+WHILE_RECOVERING = """
+import os, signal
+from pushfric_core.bags.bag_writer import BagWriter
+BagWriter.append = lambda *_: os.kill(os.getpid(), signal.{})
+"""
+
+
+@pytest.mark.parametrize("caught", ["SIGINT", "SIGTERM"])
+def test_a_recovery_that_is_ended_leaves_no_folder(tmp_path, caught):
+    arguments = ["bag", "recover", str(RECORDED), "--out", str(tmp_path / "out")]
+    program = f"import sys; sys.argv[1:] = {arguments}; from pushfric_core.__main__ import main; main()"
+    ended = subprocess.run([sys.executable, "-c", WHILE_RECOVERING.format(caught) + program], timeout=60)
+    assert (ended.returncode, list(tmp_path.iterdir())) == (130, [])
+
+
 def test_ctrl_c_says_that_no_object_was_written(tmp_path):
     command = [*PROGRAM, "edit", "object.yaml", "--port", "0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as drawing:

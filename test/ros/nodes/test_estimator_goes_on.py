@@ -5,6 +5,7 @@ import pathlib
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -300,10 +301,12 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
         assert [held.msg.position for held in resumption.held] == [msg.position for msg in STATES[11:13]]
 
 
-def as_it_came(messages):
+def as_it_came(messages, afresh=False):
     """The ledger of an estimator to which these messages of a bag come, when they were recorded."""
     node = EstimatorNode(namespace="/cell", parameter_overrides=overrides({"object": str(DEMO / "object.yaml")}))
     bag = Bag(DEMO)
+    if afresh:
+        node._start_afresh(node._now.chosen)
     for message in messages:
         name = message.topic.removeprefix("/cell/")
         if name in (*POSE_TOPICS, PLAN):
@@ -316,6 +319,11 @@ def as_it_came(messages):
 def without_a_push(recording):
     begin, end = recording.span_of(5)
     return [one for one in recording.messages if not begin <= one.log_time_ns <= end]
+
+
+def without_the_first_pushes(recording, without=""):
+    begin = recording.span_of(2)[1] + 10**9
+    return [one for one in recording.messages if one.log_time_ns > begin and one.topic.rpartition("/")[2] != without]
 
 
 def with_another_clock(recording):
@@ -334,6 +342,8 @@ def without_the_poses_of_a_push(recording):
     [
         (lambda recording: recording.messages, set()),
         (without_a_push, {DoubtCode.PUSHES_MISSING, DoubtCode.NO_OBSERVATIONS, DoubtCode.BOTH_MISSING}),
+        (without_the_first_pushes, {DoubtCode.PUSHES_MISSING}),
+        (partial(without_the_first_pushes, without=PLAN), {DoubtCode.PUSHES_MISSING}),
         (with_another_clock, {DoubtCode.CLOCKS_STEP, DoubtCode.NO_OBSERVATIONS}),
         (without_the_poses_of_a_push, {DoubtCode.POSES_MISSING, DoubtCode.NO_OBSERVATIONS}),
     ],
@@ -346,3 +356,8 @@ def test_the_live_ledger_has_the_doubts_of_the_bag(ros, tmp_path, damage, codes)
     assert {one.code for one in live.doubts} == codes
     # the bag also holds what the run said of itself
     assert set(live.doubts) == {one for one in bag.doubts if one.code is not DoubtCode.RUN_DIFFERS}
+
+
+@pytest.mark.parametrize("without", ["", PLAN])
+def test_an_estimate_that_was_begun_afresh_lacks_nothing(ros, without):
+    assert as_it_came(without_the_first_pushes(Recording(DEMO), without), afresh=True).doubts == []

@@ -50,20 +50,11 @@ class OfferedQos:
 
     def entry(self) -> dict[str, Any]:
         """The profile as rosbag2 writes it."""
-        durations = {
-            name: dict(zip(("sec", "nsec"), divmod(getattr(self, name), SECOND_NS), strict=True)) for name in DURATIONS
-        }
-        return {
-            "history": self.history,
-            "depth": self.depth,
-            "reliability": self.reliability,
-            "durability": self.durability,
-            "deadline": durations["deadline"],
-            "lifespan": durations["lifespan"],
-            "liveliness": self.liveliness,
-            "liveliness_lease_duration": durations["liveliness_lease_duration"],
-            "avoid_ros_namespace_conventions": False,
-        }
+        names = ("history", "depth", "reliability", "durability", *DURATIONS[:2], "liveliness", DURATIONS[2])  # in its order
+        entry: dict[str, Any] = {name: getattr(self, name) for name in names}
+        for name in DURATIONS:
+            entry[name] = dict(zip(("sec", "nsec"), divmod(entry[name], SECOND_NS), strict=True))
+        return entry | {"avoid_ros_namespace_conventions": False}
 
     @classmethod
     def from_entry(cls, entry: Mapping[str, Any]) -> "OfferedQos":

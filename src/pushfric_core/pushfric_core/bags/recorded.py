@@ -368,8 +368,8 @@ def _from_poses(
             warn(f"{message.topic} refused: {error}")
             ledger.accounts[kind or OBSERVATIONS].enter(REFUSED)
     ledger.absorb(maker.ledger(record.plan.planned, bag.numbered))
-    if maker.apart is not None:
-        warn(f"{bag.path}: {tip_stays_away(maker.apart)}")
+    if (apart := maker.trajectory.apart) is not None:
+        warn(f"{bag.path}: {tip_stays_away(apart)}")
     if maker.waiting:
         warn(f"{bag.path}: ends before the force of its last observations was measured; left out: {maker.waiting}")
 

@@ -55,12 +55,14 @@ def content(bag: "Bag", message: BagMessage, convert: Callable[[Any], Taken]) ->
 class PlanRecord:
     """Follows a plan by its messages, live and from a bag alike.
 
+    Args:
+        begin: index of the first push, unless the plan tells of another; None: earlier ones do not count.
     Attributes:
         started, aborted: ids of the pushes of the plan that began, and of those that did not reach their end.
     """
 
-    def __init__(self) -> None:
-        self._begin: int | None = None  # index of the plan's first push, if its beginning was seen
+    def __init__(self, begin: int | None = 0) -> None:
+        self._begin = begin
         self._last: Any = None  # plan_progress
         self.started: set[int] = set()
         self.aborted: set[int] = set()
@@ -72,11 +74,12 @@ class PlanRecord:
         if before is not None and stamp < stamp_from_msg(before.header.stamp):
             return
         self._last = msg
+        done = msg.completed + msg.aborted + msg.skipped
         if before is None:
-            begins = not msg.completed + msg.aborted + msg.skipped
-            self._begin = index_of(msg.push_id, msg.count) if begins else None
+            if self._begin is not None or not done:
+                self._begin = max(0, index_of(msg.push_id, msg.count) - done)
         else:
-            done, earlier = (one.completed + one.aborted + one.skipped for one in (msg, before))
+            earlier = before.completed + before.aborted + before.skipped
             if done > earlier and msg.completed > before.completed:
                 self._done[before.push_id] = stamp
             elif done > earlier:
@@ -87,9 +90,9 @@ class PlanRecord:
             self.started.add(msg.push_id)
 
     @property
-    def planned(self) -> Planned | None:
-        """The plan, as far as it is known; None: not at all."""
-        return None if self._last is None or not self._last.count else Planned(self._begin, self._last.count, self.aborted)
+    def planned(self) -> Planned:
+        """The plan, as far as it is known."""
+        return Planned(self._begin, (self._last and self._last.count) or None, self.aborted)
 
     @property
     def unfinished(self) -> bool:

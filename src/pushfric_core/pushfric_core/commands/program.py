@@ -101,6 +101,7 @@ def _give_up(reason: str) -> None:
 EXIT_INTERRUPTED = 130
 
 INTERRUPT = {signal.SIGINT}
+ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 def _end(*_: object) -> None:
@@ -108,23 +109,25 @@ def _end(*_: object) -> None:
 
 
 def end_at_once() -> None:
-    """Let SIGINT end the process from now on, even one that came while it was blocked.
+    """Let SIGINT and SIGTERM end the process from now on, even one that came while it was blocked.
 
-    It stays ignored if it is, as in a background job. A KeyboardInterrupt could strike anywhere: in an import or a __del__ it
-    is printed, in compiled code it becomes another error.
+    A signal stays ignored if it is, as in a background job. A KeyboardInterrupt could strike anywhere: in an import or a
+    __del__ it is printed, in compiled code it becomes another error.
     """
-    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, _end)
+    for number in ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _end)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, INTERRUPT)
 
 
 def undoing(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The same command, which SIGINT ends by a KeyboardInterrupt, so that it undoes what it has begun."""
+    """The same command, which SIGINT or SIGTERM ends by a KeyboardInterrupt, so that it undoes what it has begun."""
 
     @functools.wraps(command)
     def interruptible(*args: Any, **kwargs: Any) -> Any:
-        if signal.getsignal(signal.SIGINT) is _end:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in ENDING:
+            if signal.getsignal(number) is _end:
+                signal.signal(number, signal.default_int_handler)
         return command(*args, **kwargs)
 
     return interruptible

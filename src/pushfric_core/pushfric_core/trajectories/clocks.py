@@ -32,6 +32,10 @@ BURST = 0.25
 SMALLEST = 0.04
 """A smaller step or lag [s] is not told from the delays of a busy machine."""
 
+OTHER_SPEED = 0.05
+"""Where both streams are received faster or slower than they are stamped by more than this fraction, the receiver has another
+kind of time, as one that records a simulated cell by the time of day: it shows no steps."""
+
 LONGEST_WAIT = 5000
 """Ends of blocks that wait for those after them: a stream may have stopped."""
 
@@ -61,6 +65,9 @@ class Clocks:
     @property
     def step(self) -> ClockStep | None:
         """The largest step of the clocks against each other; None if there is none."""
+        speeds = [one.speed for one in self._streams]
+        if min(speeds) > 1 + OTHER_SPEED or max(speeds) < 1 - OTHER_SPEED:
+            return None
         found = self._found
         for time in self._open:
             found = self._larger(found, time)
@@ -81,11 +88,13 @@ class _Delays:
         self._block: list[int] = []
         self._ends: list[int] = []  # when the last sample of each block was received [ns]
         self._least: list[int] = []  # the second least delay of each block [ns]
-        self._last = (0, 0)  # stamp and time of receipt of the last sample [ns]
+        self._first: tuple[int, int] | None = None  # stamp and time of receipt of the first sample [ns]
+        self._last = (0, 0)  # likewise of the last one
 
     def add(self, stamp: int, received: int) -> bool:
         """Take a sample; return whether a block ends with it."""
         before, self._last = self._last, (stamp, received)
+        self._first = self._first or self._last
         if self._block and received - before[1] < BURST * (stamp - before[0]):
             self._block.pop()
         self._block.append(received - stamp)
@@ -95,6 +104,12 @@ class _Delays:
         self._least.append(sorted(self._block)[1])
         self._block.clear()
         return True
+
+    @property
+    def speed(self) -> float:
+        """The time in which the samples were received, in that of their stamps; 1 if that is not known."""
+        first, last = self._first or self._last, self._last
+        return (last[1] - first[1]) / (last[0] - first[0]) if last[0] > first[0] else 1.0
 
     def after(self, time: int) -> int:
         """The number of blocks that end after a time [ns]."""

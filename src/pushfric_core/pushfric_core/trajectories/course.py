@@ -27,6 +27,9 @@ RESTS = 0.001
 SILENT = 1.0
 """Pusher states may be missing for this long [s] within a push, because the tip moves evenly there."""
 
+SELDOM = 0.25
+"""Pusher states come at least this often in a push, on average [s]: where it begins and ends is known within this."""
+
 COMMON = 2.0
 """No push is shorter [s]: one may be missing where neither poses nor pusher states come for that long."""
 
@@ -37,9 +40,13 @@ Observations = Callable[[int], int]
 class Planned(NamedTuple):
     """The plan, as far as it is known."""
 
-    begin: int | None  # index of its first push; None: others may have come before what is known
-    number: int  # of its pushes
-    left_out: Collection[int]  # ids of pushes that were skipped or given up
+    begin: int | None = 0  # id of the first push; None: whichever comes first
+    number: int | None = None  # of its pushes; None: not known
+    left_out: Collection[int] = ()  # ids of pushes that were skipped or given up
+
+
+UNPLANNED = Planned()
+"""No plan is known: a run begins with push 0."""
 
 
 @dataclass(slots=True)
@@ -51,6 +58,7 @@ class Push:
     last: "PusherSample"
     before: "PusherSample | None"  # the state before the first one
     after: "PusherSample | None" = None  # the state after the last one
+    states: int = 1  # with its id
 
 
 class Course:
@@ -62,18 +70,17 @@ class Course:
 
     def __init__(self) -> None:
         self.pushes: list[Push] = []
-        self._first: PusherSample | None = None
         self._last: PusherSample | None = None
         self._tells_speed = False
 
     def add(self, state: "PusherSample") -> None:
         """Take the next state that counts."""
         before, self._last = self._last, state
-        self._first = self._first or state
         self._tells_speed |= state.speed != 0
         if self.pushes and self.pushes[-1].after is None:
             if state.push_id == self.pushes[-1].last.push_id:
                 self.pushes[-1].last = state
+                self.pushes[-1].states += 1
                 return
             self.pushes[-1].after = state
         if state.push_id is not None:
@@ -84,7 +91,7 @@ class Course:
         poses: "Stream[PoseSample]",
         states: "Stream[PusherSample]",
         config: "TrajectoryConfig",
-        planned: Planned | None,
+        planned: Planned,
         numbered: bool,
         ended: bool,
     ) -> Iterator[Doubt]:
@@ -93,9 +100,10 @@ class Course:
         Args:
             poses, states: the streams.
             config: how poses become observations.
-            planned: the plan, if it is known.
+            planned: the plan.
             numbered: numbers show that no message is missing: then the camera has dropped what is.
-            ended: no more samples follow. Until then, only the plan says which ids are missing, before the newest push.
+            ended: no more samples follow. Until then, only the plan says which ids are missing between the first push and the
+                newest one.
         """
         if poses.last is None or states.last is None:
             return
@@ -104,17 +112,19 @@ class Course:
             return max(1, round(time / (poses.usual * config.stride))) if poses.usual else 1
 
         # what was given up is left out, and need not be whole
-        pushes = [one for one in self.pushes if planned is None or one.push_id not in planned.left_out]
+        pushes = [one for one in self.pushes if one.push_id not in planned.left_out]
         yield from self._of_poses(pushes, poses, config, observations, numbered, ended)
         # where no state is missing, one came late: the tip was where its neighbours say
         yield from self._of_states(pushes, [] if numbered else states.pauses, observations, ended)
-        pauses = _common(poses.pauses, states.pauses)
-        for begin, end in pauses:
+        for one in pushes:
+            time = one.last.stamp - one.first.stamp
+            if not numbered and time > SELDOM * NANOSECONDS * one.states:
+                text = f"only {counted(one.states, 'pusher state')} came in the {seconds(time)} of {_named([one.push_id])}"
+                yield Doubt(DoubtCode.STATES_MISSING, text, one.first.stamp, observations(time))
+        for begin, end in _common(poses.pauses, states.pauses):
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
-        if self.pushes and (ended or planned is not None):
-            alone = [(poses.first or 0, states.first or 0)]  # poses that came before the states tell of pushes, too
-            pauses += [one for one in alone if one[1] - one[0] > SILENT * NANOSECONDS]
-            yield from self._of_ids(pauses, observations, planned, ended)
+        if self.pushes:
+            yield from self._of_ids(observations, planned, ended)
         if poses.last > states.last + LONGEST_END_SKEW * NANOSECONDS:
             text = f"the poses go on for {seconds(poses.last - states.last)} after the last pusher state"
             yield Doubt(DoubtCode.STATES_MISSING, text, states.last)
@@ -162,8 +172,10 @@ class Course:
             first, last, before, after, name = push.first, push.last, push.before, push.after, _named([push.push_id])
             if before is None:
                 late = first.speed > RESTS
-            else:
-                late = first.stamp in after_pause and (_way(before, first) > WAY or abs(before.speed) > RESTS)
+            elif first.stamp in after_pause:
+                late = _way(before, first) > WAY or abs(before.speed) > RESTS
+            else:  # the same motion; an arm may come in any way
+                late = before.speed > RESTS and before.line == first.line and _way(before, first) < WAY
             if late:
                 text = f"the beginning of {name} is missing: the tip moves already in its first pusher state"
                 yield Doubt(DoubtCode.NO_BEGINNING, text, first.stamp)
@@ -185,21 +197,13 @@ class Course:
             text = "the pusher moves in the last pusher state: others may be missing"
             yield Doubt(DoubtCode.NO_END, text, last_state.stamp)
 
-    def _of_ids(
-        self, pauses: Sequence[tuple[int, int]], observations: Observations, planned: Planned | None, ended: bool
-    ) -> Iterator[Doubt]:
-        """Pushes that no state tells of, although others have come.
-
-        Where the streams begin together while the tip rests, and pause only later, the first push need not be that of a run.
-        """
+    def _of_ids(self, observations: Observations, planned: Planned, ended: bool) -> Iterator[Doubt]:
+        """Pushes that no state tells of, although others have come."""
         usual = int(np.median([one.last.stamp - one.first.stamp for one in self.pushes]))
-        # what became of the push before the newest one may not be known yet
-        ids = [one.push_id for one in self.pushes[: None if ended or len(self.pushes) == 1 else -1]]
-        first, begin = self._first, self.pushes[0].first.stamp
-        is_open = first is not None and abs(first.speed) <= RESTS and not any(start < begin for start, _ in pauses)
-        if is_open and ids[0] and (planned is None or planned.begin is None):
-            yield Doubt(DoubtCode.BEGINS_LATE, f"the pusher states begin with {_named(ids[:1])}", self.pushes[0].first.stamp)
-        for before, missing in _missing_ids(ids, planned, is_open):
+        ids = [one.push_id for one in self.pushes]
+        if not ended:  # what became of the push before the newest one may not be known yet
+            ids = ids[:1] if planned.number is None else ids[: max(1, len(ids) - 1)]
+        for before, missing in _missing_ids(ids, planned):
             stamp = max((one.last.stamp for one in self.pushes if one.push_id == before), default=self.pushes[0].first.stamp)
             text = f"{_named(missing)} {'is' if len(missing) == 1 else 'are'} missing: the ids of the pushes jump"
             yield Doubt(DoubtCode.PUSHES_MISSING, text, stamp, observations(usual) * len(missing))
@@ -212,22 +216,21 @@ def _common(poses: Iterable[Pause], states: Iterable[Pause]) -> list[tuple[int, 
     return [(begin, end) for begin, end in both if end - begin > COMMON * NANOSECONDS]
 
 
-def _missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool) -> Iterator[tuple[int, list[int]]]:
+def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, list[int]]]:
     """The ids that are missing from those of some pushes, each time with the one before them.
 
     The id of a repeated push grows by the number of the plan's pushes, so that smaller ones follow. Where none follows, and the
-    plan is not known, the repeated push is taken for its last one. An id that comes again begins another run, and so does a
-    smaller one that follows others than repeated pushes.
+    plan is not known, a push that is repeated once or twice is taken for its last one. An id that comes again begins another
+    run, and so does a smaller one that follows others than repeated pushes.
 
     Args:
         ids: at least one, in order of time.
-        planned: the plan, if it is known.
-        begins_open: without a plan, the first push need not be the first of a run.
+        planned: the plan.
     """
-    begin, left_out = ids[0] - 1 if begins_open else -1, set[int]()
-    if planned is not None:
-        ids, left_out = [one % planned.number for one in ids], {one % planned.number for one in planned.left_out}
-        begin = (ids[0] if planned.begin is None else planned.begin) - 1
+    left_out = set(planned.left_out)
+    if planned.number is not None:
+        ids, left_out = [one % planned.number for one in ids], {one % planned.number for one in left_out}
+    begin = (ids[0] if planned.begin is None else planned.begin) - 1
     runs: list[list[int]] = [[begin]]
     seen: set[int] = set()
     for one in ids:
@@ -239,10 +242,12 @@ def _missing_ids(ids: Sequence[int], planned: Planned | None, begins_open: bool)
         seen.add(one)
         runs[-1] = [*smaller, one]
     for run in runs:
+        if planned.number is None:
+            for last in run[-3:-1]:
+                if last > 0 and all((one - last) % (last + 1) == 0 for one in run if one > last):
+                    run = [one for one in run if one <= last]
         for before, after in pairwise(run):
-            missing = [one for one in range(before + 1, after) if one not in left_out]
-            repeated = planned is None and after == run[-1] and before > 0 and (after - before) % (before + 1) == 0
-            if missing and not repeated:
+            if missing := [one for one in range(before + 1, after) if one not in left_out]:
                 yield before, missing
 
 

@@ -74,7 +74,6 @@ class DoubtCode(StrEnum):
     CLOCKS_DIFFER = auto()
 
     # the pushes
-    BEGINS_LATE = auto()
     PUSHES_MISSING = auto()
     NO_BEGINNING = auto()
     NO_END = auto()
@@ -88,10 +87,6 @@ class DoubtCode(StrEnum):
     NO_OBSERVATIONS = auto()
     RUN_DIFFERS = auto()
     RUN_FAILED = auto()
-
-
-REMARKS = frozenset((DoubtCode.POSES_DROPPED, DoubtCode.BEGINS_LATE))
-"""Codes of what also happens where nothing went wrong: cameras drop single frames, and recorders begin late."""
 
 
 class Doubt(NamedTuple):
@@ -141,7 +136,7 @@ class Ledger:
     Attributes:
         accounts: by kind.
         doubts: what does not add up, each once.
-        remarks: doubts with one of the codes REMARKS that cost nothing: all may be as it should, but that is not known.
+        remarks: dropped poses that cost nothing: cameras drop single frames, so all may be as it should.
     """
 
     def __init__(self) -> None:
@@ -151,7 +146,7 @@ class Ledger:
 
     def doubt(self, code: DoubtCode, text: str, stamp: int = 0, lost: int | None = None) -> None:
         """Note what does not add up, as `Doubt`, or remark it."""
-        noted = self.remarks if code in REMARKS and not lost else self.doubts
+        noted = self.remarks if code is DoubtCode.POSES_DROPPED and not lost else self.doubts
         if (one := Doubt(code, text, stamp, lost)) not in noted:
             noted.append(one)
 

@@ -1,8 +1,7 @@
 """Observations from what a cell measures: poses and pusher states, and the measured forces where these are needed."""
 
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.trajectories.course import Planned
-from pushfric_core.trajectories.following import Apart
+from pushfric_core.trajectories.course import UNPLANNED, Planned
 from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.samples import PoseSample, PusherSample, TrajectoryConfig
@@ -17,27 +16,19 @@ class ObservationMaker:
         outline: of the object.
         config: how poses become observations; TrajectoryConfig() by default.
         with_forces: an observation waits until its force has been measured.
+    Attributes:
+        trajectory: what makes them but for the forces.
     """
 
     def __init__(self, outline: Outline, config: TrajectoryConfig | None = None, with_forces: bool = False) -> None:
-        self._trajectory = Trajectory(outline, config)
+        self.trajectory = Trajectory(outline, config)
         self._forces = ForceMatcher() if with_forces else None
-
-    @property
-    def contradiction(self) -> str | None:
-        """As `Trajectory.contradiction`."""
-        return self._trajectory.contradiction
-
-    @property
-    def apart(self) -> Apart | None:
-        """As `Trajectory.apart`."""
-        return self._trajectory.apart
 
     @property
     def settled(self) -> int:
         """Time up to which all samples have become observations [ns]; 0 before the first one."""
         since = None if self._forces is None else self._forces.waiting_since
-        settled = self._trajectory.settled
+        settled = self.trajectory.settled
         return max(0, settled if since is None else min(settled, since - 1))
 
     @property
@@ -45,26 +36,21 @@ class ObservationMaker:
         """Number of observations that wait for their force; None if none needs one."""
         return None if self._forces is None else self._forces.waiting
 
-    @property
-    def skew(self) -> float:
-        """As `Trajectory.skew`."""
-        return self._trajectory.skew
-
-    def ledger(self, planned: Planned | None = None, numbered: bool = True, ended: bool = True) -> Ledger:
+    def ledger(self, planned: Planned = UNPLANNED, numbered: bool = True, ended: bool = True) -> Ledger:
         """The account of all samples so far, as `Trajectory.ledger`. Observations that were made have no end here."""
-        ledger = self._trajectory.ledger(planned, numbered, ended)
+        ledger = self.trajectory.ledger(planned, numbered, ended)
         if self._forces is not None:
-            self._forces.enter(ledger, self._trajectory.settled)
+            self._forces.enter(ledger, self.trajectory.settled)
             ledger.accounts[OBSERVATIONS].enter(WAITING, self._forces.waiting)
         return ledger
 
     def add_pose(self, sample: PoseSample, received: int | None = None) -> list[Observation]:
         """Take a pose, and return the observations that became complete; arguments and errors as `Trajectory.add_pose`."""
-        return self._with_forces(self._trajectory.add_pose(sample, received))
+        return self._with_forces(self.trajectory.add_pose(sample, received))
 
     def add_pusher(self, sample: PusherSample, received: int | None = None) -> list[Observation]:
         """Take a pusher state, and return the observations that became complete."""
-        return self._with_forces(self._trajectory.add_pusher(sample, received))
+        return self._with_forces(self.trajectory.add_pusher(sample, received))
 
     def add_force(self, sample: ForceSample) -> list[Observation]:
         """Take a sample of the force, and return the observations that became complete.

@@ -95,16 +95,18 @@ class Stream(Generic[Sample]):
         self._since: dict[str, int] = {}  # when the first one was [ns]
         self._steps: deque[int] = deque(maxlen=RECENT)
         self._far = 0  # the longest step that is not a leap [ns]
+        self._fastest = 0  # the least usual step while the stream was even [ns]; 0: it never was
 
     @property
     def usual(self) -> int:
-        """The usual step [ns]; 0 until there is one."""
-        return self._far // LEAP
+        """The usual step [ns], at its least if the stream is or was even; 0 until there is one."""
+        return self._fastest or self._far // LEAP
 
     @property
     def even(self) -> bool:
         """Whether the recent steps are alike."""
-        odd = sum(abs(one - self.usual) > EVEN * self.usual for one in self._steps)
+        recent = self._far // LEAP
+        odd = sum(abs(one - recent) > EVEN * recent for one in self._steps)
         return len(self._steps) > EXCEPTIONS >= odd
 
     def close(self, ledger: Ledger, kind: str, until: int | None) -> None:
@@ -174,7 +176,10 @@ class Stream(Generic[Sample]):
             if (lost or (self._far < step and self._steps)) and len(self.pauses) < MOST_PAUSES:
                 self.pauses.append(Pause(self.last, stamp, lost))
             self._steps.append(step)
-            self._far = LEAP * sorted(self._steps)[(len(self._steps) - 1) // 2]
+            recent = sorted(self._steps)[(len(self._steps) - 1) // 2]
+            self._far = LEAP * recent
+            if self.even:
+                self._fastest = min(self.usual, recent)
         self._newest, self.last = sample, stamp
 
     def _note(self, reason: str, off: int, stamp: int) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import inverse, rotation, transform
 from pushfric_core.trajectories.clocks import Clocks, Lag, Lags
-from pushfric_core.trajectories.course import Course, Planned
+from pushfric_core.trajectories.course import UNPLANNED, Course, Planned
 from pushfric_core.trajectories.following import Apart, Following, Rest
 from pushfric_core.trajectories.ledger import (
     BETWEEN_FRAMES,
@@ -101,11 +101,11 @@ class Trajectory:
         """How late the poses are stamped against the pusher states; None until five pushes of a tip on its line show it."""
         return self._lags.lag
 
-    def ledger(self, planned: Planned | None = None, numbered: bool = True, ended: bool = True) -> Ledger:
+    def ledger(self, planned: Planned = UNPLANNED, numbered: bool = True, ended: bool = True) -> Ledger:
         """The account of all samples so far, if no more were to follow, and what the streams lack.
 
         Args:
-            planned: the plan of the pushes, if it is known.
+            planned: the plan of the pushes, as far as it is known.
             numbered: numbers show that no message is missing.
             ended: no more samples follow, so that what they end with is the end.
         """

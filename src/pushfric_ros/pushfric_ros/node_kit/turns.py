@@ -8,6 +8,7 @@ ROS 2 sends each answer to all clients of a service. So each client that asks fo
 its own, gets one.
 """
 
+import math
 import time
 import warnings
 from collections import deque
@@ -29,7 +30,8 @@ TURN = 0.02
 """The executor gets its turn after this long, and one slice [s]."""
 
 PATIENCE = 1.0
-"""Whether a service still has clients is asked when a request is this old [s]: a new client may not be known yet."""
+"""Whether a service still has clients is asked when a request is this old, and this often of one's own services [s]: a new
+client may not be known yet, and to ask takes long."""
 
 SHARE = 10
 """This many clients may share a service: one with one open call, and rclpy's queue, loses no answer among those to others."""
@@ -69,6 +71,7 @@ class Turns(Waitable):
         self._indices: dict[Service, int] = {}
         self._ready: list[Service] = []
         self._calls: deque[_Call] = deque()
+        self._unreached: list[tuple[float, _Call]] = []  # whose client could not be reached, and when to try again [s]
         self._more = node.create_guard_condition(self._work)
         node.add_waitable(self)
         wall_timer(node, LOOK, self._look)
@@ -76,7 +79,7 @@ class Turns(Waitable):
     @property
     def waiting(self) -> int:
         """Number of requests that have no answer yet."""
-        return len(self._calls)
+        return len(self._calls) + len(self._unreached)
 
     def serve(self, kind: Any, name: str, begin: Begin) -> None:
         """Offer a service, whose requests have a `deadline`, and one to each client that asks for one below it."""
@@ -91,16 +94,20 @@ class Turns(Waitable):
 
     def _look(self) -> None:
         """Serve the clients that have come with a name of their own, and no longer those that have gone."""
-        known = [(name, self._offered.get(name.rpartition("/")[0])) for name, _ in self._node.get_service_names_and_types()]
-        asked = {name: offered for name, offered in known if offered and self._node.count_clients(name)}
         now = time.monotonic()
-        for name, (kind, begin) in asked.items():
-            service = self._own[name][0] if name in self._own else self._serve(kind, name, begin)
-            self._own[name] = service, now
+        for name, _ in self._node.get_service_names_and_types():
+            service, seen = self._own.get(name, (None, -math.inf))
+            offered = self._offered.get(name.rpartition("/")[0])
+            if offered and now - seen > PATIENCE and self._node.count_clients(name):
+                kind, begin = offered
+                self._own[name] = service or self._serve(kind, name, begin), now
         for name, (service, seen) in list(self._own.items()):
-            if now - seen > PATIENCE:  # a client that is there may be missed for a moment
+            if now - seen > 2 * PATIENCE:  # a client that is there may be missed for a moment
                 del self._own[name], self._begin[service]
                 self._node.destroy_service(service)
+        self._calls.extend(call for due, call in self._unreached if now >= due)
+        self._unreached = [(due, call) for due, call in self._unreached if now < due]
+        self._more.trigger()
 
     def _work(self) -> None:
         begin = time.monotonic()
@@ -113,8 +120,10 @@ class Turns(Waitable):
                 continue
             if call.response is None:
                 call = call._replace(response=self._slice(call))
-            if call.response is None or self._respond(call):
+            if call.response is None:
                 self._calls.append(call)
+            elif self._respond(call):  # each try may hold up the others
+                self._unreached.append((call.came + 2 * (time.monotonic() - call.came), call))
         if self._calls:
             self._more.trigger()
 

@@ -64,7 +64,10 @@ class EstimatorNode(Node):
         topics = Diagnostics(self, self._health, prefix)
         self._publications = Publications(topics)
         self._announcements = Announcements(self, topics)
-        self._begin(model.object if self._resumption is None else self._resumption.start.object)
+        if self._resumption is None:
+            self._begin(model.object, 0)
+        else:
+            self._begin(self._resumption.start.object)
         # the compiled solver is loaded now, not with the first observation
         self._settings.new_estimator(self._now.object.support_points).estimate()
         self._observations_out = self._recorder = None
@@ -148,12 +151,12 @@ class EstimatorNode(Node):
             known = "no observations" if estimate is None else data_of(estimate.data_points, estimate.pushes)
             self.get_logger().warning(f"has gone on from the bag with {known}; the topics lead from here")
 
-    def _begin(self, chosen: str) -> None:
-        """Start a new estimate of an object, given by its name or file."""
+    def _begin(self, chosen: str, first: int | None = None) -> None:
+        """Start a new estimate of an object, given by its name or file; the first push as of `PlanRecord`."""
         settings = self._settings
         if self._resumption is not None and self._resumption.settings is not None:
             settings = dataclasses.replace(settings, excluded=self._resumption.settings.excluded)
-        self._now = Estimation(chosen, settings, self.get_logger())
+        self._now = Estimation(chosen, settings, self.get_logger(), first)
         for observation in self._prior if chosen == self._initial else ():
             self._now.learn(observation)
         self._publications.begin(self._now)
@@ -283,7 +286,7 @@ class EstimatorNode(Node):
         self._rest.look()
 
     def _health(self) -> Health:
-        now, maker, verdict = self._now, self._now.maker, self._now.verdict
+        now, seen, verdict = self._now, self._now.maker.trajectory, self._now.verdict
         values = {"object": now.object.name, "refused": now.refused, "observations": 0}
         if (estimate := now.online.estimate) is not None:
             solution = estimate.solution
@@ -294,11 +297,11 @@ class EstimatorNode(Node):
         values |= {kind: ", ".join(f"{n} {reason}" for reason, n in sums.items()) for kind, sums in ledger.sums().items()}
         if ledger.lines:
             values["doubts"] = "; ".join(ledger.lines)
-        if maker.waiting is not None:
-            values["observations without their force yet"] = maker.waiting
+        if (waiting := now.maker.waiting) is not None:
+            values["observations without their force yet"] = waiting
         # a cell of another kind has no plan
         silent = [topic for topic in without_publisher(self) if not topic.endswith(f"/{PLAN}")]
-        ahead = f"the poses are stamped {maker.skew:.0f} s ahead of the pusher states: no observation can be made"
+        ahead = f"the poses are stamped {seen.skew:.0f} s ahead of the pusher states: no observation can be made"
         reasons, notes = ("; ".join(map(str, some)) for some in (verdict.reasons, verdict.notes))
         # nobody need act while the first pushes are made
         begun = [one.code for one in verdict.reasons] == ["few_pushes"]
@@ -306,9 +309,9 @@ class EstimatorNode(Node):
             (Level.WARN, f"goes on from {self._bag}" if self._resumption is not None else ""),
             (Level.WARN, f"no publisher of {', '.join(silent)}" if silent else ""),
             (Level.ERROR, now.problem),
-            (Level.WARN, ahead if maker.skew > LONGEST_END_SKEW else ""),
-            (Level.WARN, maker.contradiction),
-            (Level.WARN, tip_stays_away(maker.apart) if maker.apart is not None else ""),
+            (Level.WARN, ahead if seen.skew > LONGEST_END_SKEW else ""),
+            (Level.WARN, seen.contradiction),
+            (Level.WARN, tip_stays_away(seen.apart) if seen.apart is not None else ""),
             (Level.WARN, max(ledger.doubts, key=lambda one: one.stamp).text if ledger.doubts else ""),
             (Level.OK if begun else Level.WARN, reasons),
             (Level.WARN, notes),

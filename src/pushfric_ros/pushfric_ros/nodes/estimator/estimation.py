@@ -27,6 +27,7 @@ class Estimation:
         chosen: the object's name or file.
         settings: of the estimator.
         log: of the node; it says once that input is refused, or that observations contradict each other, or why.
+        first: as `begin` of `PlanRecord`.
     Attributes:
         object: its outline and hypotheses.
         excluded: the pushes that are left out.
@@ -40,13 +41,13 @@ class Estimation:
         InvalidInput: the object cannot be loaded.
     """
 
-    def __init__(self, chosen: str, settings: EstimatorSettings, log: Any) -> None:
+    def __init__(self, chosen: str, settings: EstimatorSettings, log: Any, first: int | None) -> None:
         self.chosen, self.object = chosen, load_object(chosen)
         self.excluded, self._settings, self._log = set(settings.excluded), settings, log
         self.maker = ObservationMaker(self.object.outline, settings.trajectory, settings.with_forces)
         self.made: list[Observation] = []
         self.verdict, self.problem, self.refused = Verdict(), "", 0
-        self._plan = PlanRecord()
+        self._plan = PlanRecord(first)
         self._refused_messages: Counter[str] = Counter()  # by kind of the ledger
         self._noted: set[tuple[str, int]] = set()  # codes and stamps of the doubts that the log has
         self._estimate_anew()
