@@ -558,7 +558,7 @@ def test_a_click_stops_a_push(browser, url, ros):
         ros.wait_for(lambda: len(states) > count + 20, PATIENCE, "more states")
         assert {state.position for state in states[count:]} == {at_rest}
         page.locator("#reset").click()
-        expect(page.locator("#answer")).to_contain_text("released")
+        expect(page.locator("#answer")).to_contain_text("Released")
         expect(page.locator("#prompt")).to_contain_text("Repeat it, skip it, or end the run?")
         expect(page.locator("#details")).to_contain_text("experiment/repeat")
         page.locator("#repeat").click()
@@ -592,7 +592,7 @@ def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url
     context.close()
     with visit(browser, url) as other:
         other.locator("#reset").click()
-        expect(other.locator("#answer")).to_contain_text("released")
+        expect(other.locator("#answer")).to_contain_text("Released")
         expect(other.locator("#skip")).to_be_enabled()
         expect(other.locator("#prompt")).to_contain_text("Repeat it")
         other.locator("#skip").press("Enter")

@@ -505,7 +505,7 @@ def test_a_push_that_was_half_seen_can_be_repeated_too(ros, controller, tmp_path
             observation = Observation(push_id=push_id)
             observation.header.stamp.sec = second
             table._observation_out.publish(observation)
-    table.wait_for_message("push 2 of 3 was given up: only 2 observations came from it, from others up to 5")
+    table.wait_for_message("push 2 of 3 was given up: only 2 observations came from it, up to 5 from others")
     assert table.call("experiment/repeat")
     last = table.wait_for_end()
     assert (last.completed, last.aborted, last.skipped, table.left_out) == (2, 0, 0, [1])

@@ -278,5 +278,4 @@ def save_model(file: ModelFile, path: pathlib.Path) -> None:
 def as_yaml(file: ModelFile) -> str:
     """The text of the file."""
     content = file.model_dump(exclude_none=True, exclude_defaults=True)
-    whole = {"format": FORMAT} | content
-    return str(yaml.dump(whole, Dumper=DUMPER, sort_keys=False, default_flow_style=None, width=128))
+    return str(yaml.dump({"format": FORMAT} | content, Dumper=DUMPER, sort_keys=False, default_flow_style=None, width=128))

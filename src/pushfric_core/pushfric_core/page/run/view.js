@@ -93,13 +93,13 @@ function show(blob) {
   redraw();
 }
 
-async function ask(what, said = what) {
+async function ask(what, said) {
   try {
     const answered = await fetch(what, { method: "POST", headers: token ? { Authorization: `Bearer ${token}` } : {} });
     const { done, message } = await answered.json();
-    say(`${said}: ${message}`, !done);
+    say(done && !said ? message : `${said ?? what}: ${message}`, !done);
   } catch {
-    say(`${said}: nobody answers; use the switch at the pusher`, true);
+    say(`${said ?? what}: nobody answers; use the switch at the pusher`, true);
   }
 }
 
@@ -575,7 +575,7 @@ addEventListener("beforeprint", () => {
 addEventListener("afterprint", () => { drawn = []; redraw(); });
 listenForGuess(() => story, redraw);
 for (const button of document.querySelectorAll(".buttons button")) button.addEventListener("click", () => ask(button.id));
-for (const button of SWITCHES) button.addEventListener("click", () => ask(button.id, button.title));
+for (const button of SWITCHES) button.addEventListener("click", () => ask(button.id, button.textContent.replace(/ \w+$/, ""))); // without "off" or "pressed"
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space" || at("stop").disabled || connection === "over") return; // whatever has the focus
   event.preventDefault();

@@ -57,11 +57,11 @@ class EstimatorAccount:
         return estimated and not self.unwanted and self._excluding.done()
 
     def lacks(self, push_id: int) -> str | None:
-        """The lack of this push: all of its observations, or more than half of what others gave; None: nothing."""
+        """The lack of observations of this push: of all of them, or of half of what others gave; None: there are enough."""
         found, most = len(self._observed[push_id]), max(1, *map(len, self._observed.values()))
         if 2 * found >= most or not self._progress.get_publisher_count():
             return None
-        return f"only {counted(found, 'observation')} came from it, from others up to {most}" if found else NOT_OBSERVED
+        return f"only {counted(found, 'observation')} came from it, up to {most} from others" if found else NOT_OBSERVED
 
     def look(self) -> None:
         """Tell it what to leave out, if it is time."""

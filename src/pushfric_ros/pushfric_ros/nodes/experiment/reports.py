@@ -29,7 +29,7 @@ HINDRANCES = {
     PusherState.MODE_DISCONNECTED: "no controller answers: is it switched on, and plugged in?",
     PusherState.MODE_HOMING: "it seeks its home switch",
     PusherState.MODE_RUNNING: "",  # for a moment only
-    PusherState.MODE_HOLD: "it is held, by its controller or until its actuator is active: press Reset when it is free to move",
+    PusherState.MODE_HOLD: "it is held by its controller, or its actuator is not active: press Reset when it is free to move",
     PusherState.MODE_ALARM: IN_ALARM,
 }
 """Why a pusher in this mode cannot push, and what the operator can do about it."""
