@@ -45,8 +45,7 @@ from pushfric_core.files.object_file import load_object, read_points
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.files.yaml_text import load_yaml, with_values
 from pushfric_core.offline.estimation import Choices
-from pushfric_core.offline.many import RESULTS, estimate_many
-from pushfric_core.offline.summary import write_table
+from pushfric_core.offline.many import RESULTS, estimate_many, write_table
 from pushfric_core.page.drawn_object import DrawnObject
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import parse_status

@@ -264,7 +264,7 @@ def test_rows_of_all_kinds_agree_with_a_general_solver_while_they_are_added_and_
 
 
 def test_least_squares_of_thousands_of_rows_do_not_drift(rng):
-    groups = pushes(rng, 10, 2000, half_width=0.001)[0]
+    groups = pushes(rng, 10, 1000, half_width=0.001)[0]
     program = LeastSquares(10)
     for k, rows in enumerate(groups):
         program.add(rows)

@@ -46,7 +46,7 @@ def riffled(rng, poses, pushers):
     return [next(streams[which]) for which in order]
 
 
-@settings(derandomize=True, max_examples=60, deadline=None)
+@settings(derandomize=True, max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
     noise=st.sampled_from((0.0, 3e-5, 3e-4)),

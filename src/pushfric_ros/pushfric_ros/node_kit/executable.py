@@ -13,6 +13,10 @@ Without it, `ros2 launch` leaves its nodes, and so the pusher, running when it i
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
+HELP = """\
+usage: ros2 run pushfric_ros {}_node [--ros-args [-p PARAMETER:=VALUE] [--params-file FILE] ...]
+docs/interfaces.md lists parameters, topics and services; ros2 param describe says more while a node runs."""
+
 
 def main() -> None:
     """Run the node that the executable NAME_node is named after; with --help, say how."""
@@ -20,9 +24,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     name = os.path.basename(sys.argv[0]).removesuffix("_node")
     if {"-h", "--help"} & set(sys.argv[1:]):
-        print(f"usage: ros2 run pushfric_ros {name}_node [--ros-args [-p PARAMETER:=VALUE] [--params-file FILE] ...]")
-        print("docs/interfaces.md lists parameters, topics and services; ros2 param describe says more while a node runs.")
-        return
+        importlib.import_module("pushfric_core.commands.program").run(lambda: print(HELP.format(name)))
     for number in (signal.SIGINT, signal.SIGTERM):  # `run_node` replaces these handlers
         signal.signal(number, lambda *_: os._exit(0))
     if parent := os.environ.get(PARENT):

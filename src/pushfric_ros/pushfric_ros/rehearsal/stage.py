@@ -215,12 +215,13 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     def rest(self) -> Heard:
         """Wait until the pusher rests; return where it does, and the rest of the first report from there."""
         since = time.monotonic()
-        # an actuator that stood still for less than its driver's silence may go on with its push
-        unheard = AT_REST + float(getattr(self.given.driver, "silence", 0.0))
+        silence = float(getattr(self.given.driver, "silence", 0.0))
 
         def rests() -> bool:
             nonlocal since
-            if time.monotonic() - self.heard[-1].when > unheard:
+            dead = self.actuator is not None and self.actuator.poll() is not None
+            # one that stood still for less than its driver's silence may go on with its push
+            if time.monotonic() - self.heard[-1].when > AT_REST + (0.0 if dead else silence):
                 self.witness()
             last = self.heard[-1]
             moved = [one.when for one in reversed(self.heard[-200:]) if abs(one.along - last.along) > self.same or one.moves]
