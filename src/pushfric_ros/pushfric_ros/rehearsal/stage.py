@@ -30,6 +30,7 @@ REACTION = 0.3
 """Whatever breaks, the pusher may go on for this long before it brakes [s]."""
 MID_PUSH = 0.3  # of a push
 AT_REST = 0.5  # a pusher that stays at one place for this long rests [s]
+BACK = 10.0  # a pusher that has come back is heard where it began within this long [s]
 EVENT_TIMEOUT = 180.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
 RESET_AGAIN = 2.0  # until a reset that was not enough is repeated [s]
@@ -304,7 +305,11 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
                 self.person.jog(-self.along(), min(5 * self.given.speed, self.limits.max_speed))
             except NoAnswer as error:
                 raise EndedEarly(f"the pusher could not be brought back: {error}") from error
-            self.wait(lambda: abs(self.along()) <= self.same, "the pusher to be back")
+            until = time.monotonic() + BACK
+            self.wait(lambda: abs(self.along()) <= self.same or time.monotonic() > until, "the pusher to be back")
+            if abs(self.along()) > self.same:
+                last = f"it was heard at {1e3 * self.along():.2f} mm {time.monotonic() - self.heard[-1].when:.1f} s ago"
+                raise EndedEarly(f"the pusher could not be brought back: {last}")
         self.make_ready()
 
     def make_ready(self) -> None:
