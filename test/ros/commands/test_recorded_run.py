@@ -20,7 +20,7 @@ DEMO = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
 
 
 def test_a_run_whose_plan_bag_and_estimate_agree_has_not_failed():
-    assert failures(DEMO, "/cell") == []
+    assert failures(DEMO, "/cell", result_of(DEMO)) == []
 
 
 @pytest.mark.parametrize(
@@ -42,15 +42,15 @@ def test_what_went_wrong_is_in_the_bag(monkeypatch, tmp_path, field, value, said
         return msg
 
     monkeypatch.setattr(Bag, "deserialize", changed)
-    assert failures(DEMO, "/cell")[0] == said
+    assert failures(DEMO, "/cell", result_of(DEMO))[0] == said
     bag = shutil.copytree(DEMO, tmp_path / "bag")
     write_result(bag, result := result_of(bag), [said])
     assert [doubt.text for doubt in result.estimation.ledger.doubts].count(said) == 1
 
 
 def test_a_bag_without_a_plan_or_no_bag_is_a_failed_run(tmp_path):
-    assert failures(DEMO, "/other") == ["no plan was begun"]
-    (said,) = failures(tmp_path, "/cell")
+    assert failures(DEMO, "/other", result_of(DEMO)) == ["no plan was begun"]
+    (said,) = failures(tmp_path, "/cell", result_of(tmp_path))
     assert said.startswith(f"the bag {tmp_path} does not say how the run went: {tmp_path}: is not a bag")
 
 

@@ -24,9 +24,9 @@ def _cell(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[Nod
 
 def _found(values: Mapping[str, str], namespace: str) -> Sequence[str]:
     bag = pathlib.Path(values["bag"])
-    found = failures(bag, namespace)
+    found = failures(bag, namespace, result := result_of(bag))
     try:
-        write_result(bag, result_of(bag), found)
+        write_result(bag, result, found)
     except PushfricError as error:
         found.append(f"no result: {error}")
     return found

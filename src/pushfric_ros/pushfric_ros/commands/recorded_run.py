@@ -82,12 +82,13 @@ def disagreements(result: Result, live: FrictionEstimate | None, planned: int, a
     return said
 
 
-def failures(bag: pathlib.Path, namespace: str) -> list[str]:
+def failures(bag: pathlib.Path, namespace: str, result: Result) -> list[str]:
     """Failures of a finished run that its bag shows, in words; empty without any.
 
     Args:
         bag: folder of the bag.
         namespace: of the cell.
+        result: of the run.
     """
     from pushfric_core.bags.bag import Bag
 
@@ -106,7 +107,7 @@ def failures(bag: pathlib.Path, namespace: str) -> list[str]:
     number = number_of(course[-1].push_id, course[-1].count) if course else ""
     if not course or course[-1].phase != PlanProgress.PHASE_FINISHED:
         return [f"the plan is not finished: it stood at push {number}" if course else "no plan was begun"]
-    return disagreements(result_of(bag), live, pushes_of(course[0]), course[-1].aborted)
+    return disagreements(result, live, pushes_of(course[0]), course[-1].aborted)
 
 
 def pushes_of(first: PlanProgress) -> int:
