@@ -51,20 +51,6 @@ function say(text, failed) {
   at("answer").hidden = false;
 }
 
-/** Save on a click; then the page is over. */
-function whenSaved(over) {
-  at("save").addEventListener("click", async () => {
-    at("save").disabled = true;
-    const answer = await tell("save");
-    if (!answer.done) return (at("save").disabled = false);
-    say(answer.message, false);
-    at("prompt").textContent = "Saved";
-    at("now").className = "finished";
-    for (const control of document.querySelectorAll("button, input")) control.disabled = true;
-    over();
-  });
-}
-
 let address = "";
 /** The command's present picture. */
 async function loaded() {
@@ -315,7 +301,16 @@ at("another").addEventListener("click", async () => {
   }
   at("another").disabled = false;
 });
-whenSaved(() => (state = null));
+at("save").addEventListener("click", async () => {
+  at("save").disabled = true;
+  const answer = await tell("save");
+  if (!answer.done) return (at("save").disabled = false);
+  say(answer.message, false);
+  at("prompt").textContent = "Saved";
+  at("now").className = "finished";
+  for (const control of document.querySelectorAll("button, input")) control.disabled = true;
+  state = null;
+});
 
 // The page
 
