@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bench.paper.least_squares import least_squares_fit
 from bench.paper.pushes import BAD_PUSH, SLIPPING, motions, plan, watch
 from bench.paper.sections import cross_section
 from bench.paper.tables import PUBLISHED
@@ -24,6 +23,7 @@ from pushfric_core.geometry.support import Support, center_of_friction, support_
 from pushfric_core.geometry.table_1 import FLAT, LOOKALIKES, ORIENTATIONS
 from pushfric_core.mechanics.limit_surface import LimitSurface
 from pushfric_core.program import contact_friction
+from pushfric_core.program.constraints import Moment
 
 Mask = npt.NDArray[np.bool_]
 
@@ -199,14 +199,31 @@ def _weights(data: dict[str, list[Observation]]) -> dict[str, list[Weights]]:
     feet, points = wood.support.points, wood.support_points
     squares = EstimatorConfig(cor_radius=0.0, nonnegative_force=False, loss=Loss.L2)
     cases = [(feet, least_squares_fit(pushes, feet)), (points, least_squares_fit(pushes, points))]
-    cases += [(points, estimate(pushes, points, squares)), (points, estimate(pushes, points))]
+    cases += [(points, estimate(pushes, points, squares).w), (points, estimate(pushes, points).w)]
     actual = Weights("delrin_square3", "Actual", square.support.points, square.support.weights)
     titled = zip(FITS, cases, strict=True)
     return {
         "figure5": [fitted("wood_rect4"), fitted("rubber_rect4")],
         "figure6": [actual, fitted("delrin_square3", "Estimated")],
-        "figure13": [Weights("wood_rect4", case.replace("_", " "), where, fit.w) for case, (where, fit) in titled],
+        "figure13": [Weights("wood_rect4", case.replace("_", " "), where, w) for case, (where, w) in titled],
     }
+
+
+def least_squares_fit(observations: Sequence[Observation], points: Array) -> Array:
+    """The fit that the paper warns of: the w (n,) of sum 1 with the least squared moments, which may be negative (section 7).
+
+    The paper weights the sum (eq. 11) heavily; here it holds exactly, which is the limit of that. If the observations do not
+    determine w, this is the w nearest to uniform.
+
+    Raises:
+        UninformativePush: an observation rotates exactly about a support point.
+    """
+    pointlike = [replace(observation, half_width=0.0) for observation in observations]
+    moments = np.concatenate([Moment().rows(one, support_forces(points, one.twist)).a for one in pointlike])
+    uniform = np.full(len(points), 1 / len(points))
+    # the other columns of a QR decomposition that starts with the vector of ones are a basis of the changes that keep the sum
+    within = np.linalg.qr(np.column_stack((uniform, np.eye(len(points))[:, 1:])))[0][:, 1:]
+    return np.asarray(uniform - within @ np.linalg.lstsq(moments @ within, moments @ uniform)[0])
 
 
 def _feet_found(found: Weights) -> Numbers:
@@ -314,7 +331,7 @@ def rods() -> tuple[Numbers, list[Rod]]:
     drawn = []
     for support in (first, second):
         surface = LimitSurface(support)
-        section = cross_section(surface, Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0)).points
+        section = cross_section(surface, Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0))
         drawn.append(Rod(section, surface.reachable(contacts, normals, 0.0).wrenches[:, 0, 1:]))
     difference = float(np.abs(drawn[0].reachable - drawn[1].reachable).max())
     return {"largest_difference_of_reachable_wrenches": difference}, drawn

@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bench.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS, Rod, Seed, Weights
-from bench.paper.page import number
 from bench.paper.sections import cross_section
-from bench.paper.tables import PUBLISHED, Nested
+from bench.paper.tables import PUBLISHED, Nested, number
 from pushfric_core import Observation, Region
 from pushfric_core.estimation import picture
 from pushfric_core.estimation.picture import ESTIMATE, GREY, INK, MILLIMETRE, OTHER, REACHED, TRUTH, closed
@@ -23,8 +22,7 @@ from pushfric_core.files.figure_file import save_figure
 from pushfric_core.geometry.planar import Array, Wrench, transform
 from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import ORIENTATIONS, TABLE_1
-from pushfric_core.mechanics.limit_surface import LimitSurface
-from pushfric_core.mechanics.surface_models import named_ellipsoid
+from pushfric_core.mechanics.limit_surface import LimitSurface, named_ellipsoid
 
 PAPER = "#e69f00"  # the paper's numbers; also of Okabe and Ito
 
@@ -35,8 +33,6 @@ DOT = 900
 
 STYLE = picture.STYLE | {"axes.titlesize": 9.5, "svg.hashsalt": "pushfric"}
 
-FORMATS: dict[str, dict[str, Any]] = {"svg": {"transparent": True, "metadata": {"Date": None}}, "png": {"dpi": 300}}
-
 MERIDIANS = 8
 """Number of sections through the moment axis that show the limit surface in space."""
 
@@ -45,14 +41,14 @@ Panels = Sequence[Any]
 
 
 def figures(tables: Nested, seeds: Sequence[Seed], rods: Sequence[Rod]) -> dict[str, bytes]:
-    """Every figure as the contents of image files.
+    """Every figure as the content of an SVG file.
 
     Args:
         tables: the numbers over all seeds, as `tables.tables` gives them.
         seeds: the results; the figures show the data of the first.
         rods: of Figure 12.
     Returns:
-        The contents by the name of the file: table2, figure3, figure5 ... figure13 and test_pushes, each .svg and .png.
+        The contents by the name of the figure: table2, figure3, figure5 ... figure13 and test_pushes.
     """
     seed = seeds[0]
     drawn: dict[str, tuple[tuple[int, int], float, Callable[[Panels], None]]] = {
@@ -78,10 +74,9 @@ def figures(tables: Nested, seeds: Sequence[Seed], rods: Sequence[Rod]) -> dict[
             marked = (axes.get_legend_handles_labels() for axes in panels)
             entries = dict(itertools.chain.from_iterable(zip(labels, marks, strict=True) for marks, labels in marked))
             figure.legend(entries.values(), entries, loc="outside lower center", ncols=min(len(entries), 5))
-            for form, options in FORMATS.items():
-                content = io.BytesIO()
-                figure.savefig(content, format=form, **options)
-                images[f"{name}.{form}"] = content.getvalue()
+            content = io.BytesIO()
+            figure.savefig(content, format="svg", transparent=True, metadata={"Date": None})
+            images[name] = content.getvalue()
     return images
 
 
@@ -109,7 +104,7 @@ def limit_surface_figure(
         space = figure.add_subplot(1, 2, 1, projection="3d")
         for angle in np.arange(MERIDIANS) * np.pi / MERIDIANS:
             force = Wrench(float(np.cos(angle)), float(np.sin(angle)), 0.0)
-            section = cross_section(surface, force, moment).points @ (force, moment) * scale
+            section = cross_section(surface, force, moment) @ (force, moment) * scale
             space.plot(*closed(section).T, color=GREY, lw=0.6)
         for wrenches in reached:
             (line,) = space.plot(*wrenches.T, color=REACHED, lw=3, marker="o" if len(wrenches) == 1 else None, ms=3)
@@ -119,7 +114,7 @@ def limit_surface_figure(
         space.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1))
         section = figure.add_subplot(1, 2, 2)
         force = Wrench(0.0, 1.0, 0.0)
-        section.plot(*closed(cross_section(surface, force, moment).points * scale[1:]).T, color=INK, lw=1.4, label="exact")
+        section.plot(*closed(cross_section(surface, force, moment) * scale[1:]).T, color=INK, lw=1.4, label="exact")
         angles = np.linspace(0, 2 * np.pi, 361)
         # the inverse of a square root of the form takes the circle to the ellipse
         root = np.linalg.cholesky(named_ellipsoid(support).form[1:, 1:])

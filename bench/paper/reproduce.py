@@ -1,19 +1,20 @@
-"""`./pushfric reproduce`: the paper's experiments for many seeds in parallel, as tables.json, images and an HTML report."""
+"""`./pushfric reproduce`: the paper's experiments for many seeds in parallel, as tables.json, images and a report."""
 
 import itertools
 import math
 import pathlib
 from typing import Annotated
 
+import jinja2
 import typer
 from rich.progress import track
 
 from bench.paper.claims import CLOSE, CLOSE_MU, Claim, agrees, claims
 from bench.paper.experiments import rods, run_seed
 from bench.paper.figures import figures
-from bench.paper.page import INFEASIBLE, NONE, Cell, Table, number, page
 from bench.paper.pushes import CONDUCT
-from bench.paper.tables import Nested, Path, leaves, tables
+from bench.paper.tables import Nested, Path, leaves, number, tables
+from docs import markdown
 from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.files.disk import make_folder, write_whole
@@ -23,6 +24,9 @@ from pushfric_core.records import to_json
 COUNTS = ("data_points", "bad_data_points", "nonzero_weights")
 """Leaves of tables.json that are whole numbers."""
 
+WHOSE = ("the paper", "reference", "here")
+"""Whose number a column has."""
+
 
 def reproduce(
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write: the report.")] = RUNS / "reproduce",
@@ -30,7 +34,7 @@ def reproduce(
     jobs: JobsOption = -1,
     dask: DaskOption = None,
 ) -> None:
-    """Reproduce the paper's tables and figures from simulated pushes: report.html, tables.json, images."""
+    """Reproduce the paper's tables and figures from simulated pushes: report.md, tables.json, images."""
     make_folder(out)
     make_folder(out / "figures")
     found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
@@ -42,27 +46,25 @@ def reproduce(
     write_whole(out / "tables.json", f"{to_json(said)}\n")
     images = figures(summary, found, drawn_rods)
     for name, content in images.items():
-        write_whole(out / "figures" / name, content)
-    report = out / "report.html"
-    content = page(
-        "report.html.j2",
+        write_whole(out / "figures" / f"{name}.svg", content)
+    template = pathlib.Path(__file__).with_name("report.md.j2").read_text(encoding="utf-8")
+    content = jinja2.Template(template, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True).render(
         seeds=seeds,
-        verdicts=[_card(claim) for claim in claimed],
+        claims=markdown.table(("claim", "holds", "with other seeds"), map(_row, claimed)),
         tables={key: table({key: nested}) for key, nested in summary.items()},
-        figures={name[:-4]: image[image.index(b"<svg") :].decode() for name, image in images.items() if name.endswith(".svg")},
+        figures=images,
         conduct=CONDUCT,
         turn=math.degrees(CONDUCT["delrin_rect_center"].longest_turn),
         close=round(100 * CLOSE),
         close_mu=CLOSE_MU,
-        infeasible=INFEASIBLE,
     )
-    write_whole(report, content)
-    say(f"report: {report}")
+    write_whole(out / "report.md", content)
+    say(f"report: {out / 'report.md'}")
 
 
-def table(nested: Nested) -> Table:
-    """A part of tables.json, beside the paper's numbers and the reference's: a row for each case, a column for each kind."""
-    rows: dict[str, dict[str, list[Cell]]] = {}
+def table(nested: Nested) -> str:
+    """A part of tables.json, beside the paper's numbers and the reference's: a row for each case, columns for each kind."""
+    rows: dict[str, dict[str, tuple[str, str, str]]] = {}
     for path, leaf in leaves(nested):
         _, *case, kind = path
         what, _, hypothesis = kind.partition("_")
@@ -70,39 +72,29 @@ def table(nested: Nested) -> Table:
             case, kind = [*case, hypothesis], what
         rows.setdefault(", ".join(case), {})[kind] = cells(path, leaf)
     kinds = list(dict.fromkeys(kind for row in rows.values() for kind in row))
-    empty = [Cell(NONE)] * 3
-    columns = [
-        (kind, place)
-        for kind, place in itertools.product(kinds, range(3))
-        if any(row.get(kind, empty)[place].text != NONE for row in rows.values())
-    ]
-    spans = itertools.groupby(kind.replace("_", " ") for kind, _ in columns)
-    return Table(
-        ("", *(("paper", "reference", "this run")[place] for _, place in columns)),
-        [[Cell(name), *(row.get(kind, empty)[place] for kind, place in columns)] for name, row in rows.items()],
-        (("", 1), *((kind, len(list(span))) for kind, span in spans)),
-    )
+    head = [f"{kind.replace('_', ' ')}, {whose}" for kind, whose in itertools.product(kinds, WHOSE)]
+    filled = ((name, *itertools.chain.from_iterable(row.get(kind, ("",) * 3) for kind in kinds)) for name, row in rows.items())
+    return markdown.table(("", *head), filled)
 
 
-def cells(path: Path, leaf: Nested) -> list[Cell]:
+def cells(path: Path, leaf: Nested) -> tuple[str, str, str]:
     """A number of the paper, of the reference and of this run; that of this run with its quartiles, or how often it held."""
     digits = 0 if path[-1] in COUNTS else 2
-    tone = {True: "good", False: "off", None: ""}[agrees(path, leaf)]
-    if tone == "off" and path[-1].startswith("percent") and leaf["median"] < leaf["reference"]:
-        tone = "better"
     paper = "yes" if leaf.get("paper") is True else number(leaf.get("paper"), digits)
-    reference = number(leaf.get("reference"), digits)
     if "held" in leaf:
-        return [Cell(paper), Cell(reference), Cell(f"{leaf['held']} of {leaf['of']}", tone=tone)]
-    low, high = (number(quartile, digits) for quartile in leaf["quartiles"])
-    detail = "" if low == high else f"{low} … {high}"
-    return [Cell(paper), Cell(reference), Cell(number(leaf["median"], digits), detail, tone)]
+        here = f"{leaf['held']} of {leaf['of']}"
+    else:
+        low, high = (number(quartile, digits) for quartile in leaf["quartiles"])
+        here = number(leaf["median"], digits) + ("" if low == high else f" ({low} … {high})")
+    better = path[-1].startswith("percent") and agrees(path, leaf) is False and leaf["median"] < leaf["reference"]
+    return paper, number(leaf.get("reference"), digits), f"**{here}**" if agrees(path, leaf) is False and not better else here
 
 
-def _card(claim: Claim) -> Cell:
+def _row(claim: Claim) -> tuple[str, str, str]:
     """How often a claim holds, with its spread."""
     low, high = claim.spread
-    spread = f"with other seeds {low:.0f}" + f" to {high:.0f}" * (low < high)
+    spread = f"{low:.0f}" + f" to {high:.0f}" * (low < high)
     if claim.about_seeds:
         spread = f"in {100 * low:.0f} to {100 * high:.0f} % of all seeds"
-    return Cell(f"{claim.held} of {claim.of}", claim.text, "good" if claim.reproduced else "off", spread)
+    held = f"{claim.held} of {claim.of}"
+    return claim.text, held if claim.reproduced else f"**{held}**", spread

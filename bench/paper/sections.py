@@ -1,7 +1,6 @@
 """Sections of limit surfaces, as Figure 12 shows them."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -9,15 +8,10 @@ from pushfric_core.geometry.planar import Array, Wrench, cross, left_of
 from pushfric_core.mechanics.limit_surface import LimitSurface
 
 
-class CrossSection(NamedTuple):
-    """Where a plane through the origin cuts a limit surface: a closed convex curve."""
+def cross_section(surface: LimitSurface, first: Wrench, second: Wrench, count: int = 180) -> Array:
+    """The closed convex curve (k, 2) in which the plane of two wrenches cuts a surface; its straight parts are exact.
 
-    points: Array  # (k, 2) counter-clockwise, coordinates along the two wrenches that span the plane
-    facets: list[Array]  # (2, 2) each: the ends of its straight parts, which are among the points
-
-
-def cross_section(surface: LimitSurface, first: Wrench, second: Wrench, count: int = 180) -> CrossSection:
-    """The curve in which the plane of two wrenches cuts a surface; its straight parts are exact.
+    The points go round counter-clockwise; their coordinates are those along the two wrenches.
 
     The plane fx = 0 of Figure 12 is that of (0, 1, 0) and (0, 0, 1).
 
@@ -38,7 +32,7 @@ def cross_section(surface: LimitSurface, first: Wrench, second: Wrench, count: i
     chords = half + [-chord for chord in half]
     points = np.concatenate((rays, *chords))
     x, y = (points / extent).T
-    return CrossSection(points[np.argsort(np.arctan2(y, x))], chords)
+    return np.asarray(points[np.argsort(np.arctan2(y, x))])
 
 
 def _loads(surface: LimitSurface, wrenches: Array) -> Array:

@@ -76,3 +76,11 @@ def table_of(cells: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _said(value: object) -> str:
     return "-" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def number(value: float | None, digits: int = 2) -> str:
+    """A number as tables and figures show it, with this many decimal places."""
+    if value is None:
+        return ""
+    # adding zero takes the sign off a zero
+    return "\N{INFINITY}" if math.isinf(value) else f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "\N{MINUS SIGN}")

@@ -1,7 +1,6 @@
 import numpy as np
 from problems import PROBLEMS
 
-from bench.paper.least_squares import least_squares_fit
 from pushfric_core import (
     ConstraintRows,
     Estimator,
@@ -42,7 +41,6 @@ def records(size):
         surface.facets[0],
         surface.reachable(points[:1], [[-1.0, 0.0]], 0.3),
         NamedEllipsoid(1.0, size, points[0]),
-        least_squares_fit(problem.observations, 0.01 * points),
         ConstraintRows(size * np.eye(2), np.ones(2), np.ones(2)),
     ]
 
