@@ -16,7 +16,7 @@ from faults.camera import FAULTS, NAMESPACE
 from faults.cell_run import CellRun
 from faults.quota import cpu_quota
 from pushfric_core.bags.bag import Bag
-from pushfric_core.bags.recovery import recover
+from pushfric_core.commands.bag import recover
 
 NODES = ("tracker", "estimator", "recorder", "actuator", "experiment", "simulated_cell")
 

@@ -64,7 +64,7 @@ from pushfric_ros.messages.conversions import (
 )
 from pushfric_ros.messages.types import definition
 from pushfric_ros.node_kit.lock import domain
-from pushfric_ros.nodes.planner.answers import Answers, Known
+from pushfric_ros.nodes.planner import Answers, Known
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 DEMO, EXAMPLE = ROOT / "bags/rubber_rect4", ROOT / "docs/example_cell"

@@ -24,8 +24,7 @@ from std_msgs.msg import String
 from pushfric_core.bags.samples import pose_from_msg
 from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.frames import TABLE
-from pushfric_core.geometry.planar import Pose
+from pushfric_core.geometry.planar import TABLE, Pose
 from pushfric_core.vision.camera import Camera, Lens, save_camera
 from pushfric_msgs.msg import FrictionEstimate, ObjectChange, Observation, PlanProgress, PusherState, Reason, RejectedPush
 from pushfric_msgs.srv import SelectPush

@@ -43,7 +43,11 @@ if TYPE_CHECKING:
     from pushfric_core.belief.believe import believe as believe
     from pushfric_core.estimation.estimate import Estimate as Estimate, friction_model as friction_model
     from pushfric_core.estimation.estimator import Estimator as Estimator, EstimatorConfig as EstimatorConfig
-    from pushfric_core.mechanics.limit_surface import LimitSurface as LimitSurface
+    from pushfric_core.mechanics.limit_surface import (
+        LimitSurface as LimitSurface,
+        NamedEllipsoid as NamedEllipsoid,
+        named_ellipsoid as named_ellipsoid,
+    )
     from pushfric_core.trajectories.observation import Observation as Observation
     from pushfric_core.trajectories.observations import Observations as Observations
     from pushfric_core.offline.inputs import Recording as Recording, load as load
@@ -66,10 +70,6 @@ if TYPE_CHECKING:
     from pushfric_core.solvers.program import Loss as Loss, Optimum as Optimum, Solver as Solver, Status as Status
     from pushfric_core.mechanics.strokes import Strokes as Strokes, predict_strokes as predict_strokes
     from pushfric_core.geometry.support import Support as Support, SupportForces as SupportForces
-    from pushfric_core.mechanics.surface_models import (
-        NamedEllipsoid as NamedEllipsoid,
-        named_ellipsoid as named_ellipsoid,
-    )
     from pushfric_core.geometry.table_1 import TABLE_1 as TABLE_1
     from pushfric_core.trajectories.samples import (
         PoseSample as PoseSample,
@@ -90,7 +90,7 @@ _MODULES = {  # the same as above: a test compares them
     "belief.believe": ["believe"],
     "estimation.estimate": ["Estimate", "friction_model"],
     "estimation.estimator": ["Estimator", "EstimatorConfig"],
-    "mechanics.limit_surface": ["LimitSurface"],
+    "mechanics.limit_surface": ["LimitSurface", "NamedEllipsoid", "named_ellipsoid"],
     "trajectories.observation": ["Observation"],
     "trajectories.observations": ["Observations"],
     "offline.inputs": ["Recording", "load"],
@@ -112,7 +112,6 @@ _MODULES = {  # the same as above: a test compares them
     "solvers.program": ["Loss", "Optimum", "Solver", "Status"],
     "mechanics.strokes": ["Strokes", "predict_strokes"],
     "geometry.support": ["Support", "SupportForces"],
-    "mechanics.surface_models": ["NamedEllipsoid", "named_ellipsoid"],
     "geometry.table_1": ["TABLE_1"],
     "trajectories.samples": ["PoseSample", "PusherSample", "TrajectoryConfig"],
     "trajectories.trajectory": ["Trajectory"],

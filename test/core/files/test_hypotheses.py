@@ -5,7 +5,7 @@ import pytest
 from problems import three_feet
 
 from pushfric_core import TABLE_1, EstimatorConfig, Hypothesis, InvalidInput, Observation, Recognizer, Twist
-from pushfric_core.estimation.batch import recognize
+from pushfric_core.estimation.estimator import last, taken
 from pushfric_core.files.object_file import load_object
 
 # a square whose frame has its origin in a corner: its centroid is at (0.05, 0.05)
@@ -71,9 +71,9 @@ def test_files_are_ranked_with_a_line_for_each_data_point_left_out():
     x, y = feet[1]
     about_a_foot = Observation((0.05, 0.0), (0.0, -1.0), Twist(y, -x, 1.0), push_id=99)
     lines, exact = [], EstimatorConfig(cor_radius=0.0)
-    ranking = recognize(Recognizer(hypotheses, exact), [about_a_foot, *problem.observations], lines.append)
+    ranking = last(taken(Recognizer(hypotheses, exact).add, [about_a_foot, *problem.observations], lines.append))
     assert ranking.best == "feet"
     assert ranking.data_points == len(problem.observations)
     assert lines == ["observation of push 99 refused: the object rotated exactly about its support point (0.09, 0.03)"]
     with pytest.raises(InvalidInput, match="no observation could be used"):
-        recognize(Recognizer(hypotheses, exact), [about_a_foot], lines.append)
+        last(taken(Recognizer(hypotheses, exact).add, [about_a_foot], lines.append))

@@ -25,9 +25,8 @@ from pushfric_core.trajectories.ledger import (
     DoubtCode,
     Ledger,
 )
-from pushfric_core.trajectories.observation_maker import ObservationMaker
+from pushfric_core.trajectories.observation_maker import ForceSample, ObservationMaker
 from pushfric_core.trajectories.samples import TrajectoryConfig
-from pushfric_core.trajectories.sensed_force import ForceSample
 from pushfric_core.trajectories.stream import CONFIRMED, LEAP, LONGEST_END_SKEW, Stream
 from pushfric_core.trajectories.trajectory import Trajectory
 

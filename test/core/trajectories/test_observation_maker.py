@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from pushfric_core import Observation, Outline, Pose, PoseSample, PusherSample, PushingLine, Twist
-from pushfric_core.trajectories.observation_maker import ObservationMaker
-from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
+from pushfric_core.trajectories.observation_maker import ForceMatcher, ForceSample, ObservationMaker
 
 BAR = Outline.rectangle(0.12, 0.06)
 LINE = PushingLine((0.0, -0.05), (0.0, 1.0), 0.003)

@@ -6,7 +6,7 @@ import arm as example
 import numpy as np
 import pytest
 
-from pushfric_ros.arms.chain import DAMPING, Chain
+from pushfric_ros.arms.trajectory import DAMPING, Chain
 
 EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 SLIDE = """<robot name="gantry"><link name="base"/><link name="turned"/><link name="carriage"/><link name="tip"/>

@@ -28,8 +28,8 @@ from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands import doctor
 from pushfric_ros.commands.demo import demo_cell
-from pushfric_ros.commands.doctor import Check, Grade, camera, discovery, machine, scene
-from pushfric_ros.commands.doctor.camera import Frame
+from pushfric_ros.commands.doctor import Check, Grade, camera, machine
+from pushfric_ros.commands.doctor.camera import Frame, check_calibration
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import network
@@ -61,7 +61,7 @@ class Listening(SimulatedGrbl):
 @pytest.fixture(autouse=True)
 def patient(monkeypatch):
     """Allow for a machine that is busy with other tests."""
-    monkeypatch.setattr(discovery, "ANSWER_TIMEOUT", 60.0)
+    monkeypatch.setattr(machine, "ANSWER_TIMEOUT", 60.0)
     monkeypatch.setattr(camera, "FRAME_TIMEOUT", 60.0)
 
 
@@ -219,8 +219,8 @@ def test_room_for_bags(monkeypatch, tmp_path, free, level):
 
 def test_without_discovery_no_other_process_answers(monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    monkeypatch.setattr(discovery, "ANSWER_TIMEOUT", 0.5)
-    check = discovery.check_discovery()
+    monkeypatch.setattr(machine, "ANSWER_TIMEOUT", 0.5)
+    check = machine.check_discovery()
     assert check.level is FAILED
     assert check.finding.startswith("another process did not answer within 0.5 s on domain")
     assert "discovery range OFF" in check.finding
@@ -240,15 +240,15 @@ NOISE = [np.random.default_rng(i).integers(0, 200, (240, 320)).astype(np.uint8) 
 @pytest.mark.parametrize("domain", ["102", "-1", "seven"])
 def test_domains_that_do_not_work_fail(monkeypatch, domain):
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    check = discovery.check_discovery()
+    check = machine.check_discovery()
     assert (check.level, check.finding) == (FAILED, f"ROS_DOMAIN_ID is {domain!r}")
 
 
 def test_multicast_matters_only_where_other_machines_are_looked_for(monkeypatch):
-    assert discovery.check_multicast().finding == "not needed: only this machine is looked for"
+    assert machine.check_multicast().finding == "not needed: only this machine is looked for"
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
-    monkeypatch.setattr(discovery, "DDS_GROUP", "10.1.2.3")  # no multicast address
-    check = discovery.check_multicast()
+    monkeypatch.setattr(machine, "DDS_GROUP", "10.1.2.3")  # no multicast address
+    check = machine.check_multicast()
     assert (check.level, check.finding.startswith("does not work: ")) == (WARNING, True)
 
 
@@ -340,19 +340,19 @@ def test_frames_of_a_topic_are_judged_as_those_of_a_device(ros, encoding):
 )
 def test_calibration_against_the_pushing_line_and_itself(camera, changes, level, finding):
     picture = np.zeros((camera.height, camera.width), np.uint8)
-    assert scene.check_calibration(camera, picture, pusher(**changes))[1:3] == (level, finding)
+    assert check_calibration(camera, picture, pusher(**changes))[1:3] == (level, finding)
 
 
 def test_a_calibration_of_another_size_fails():
-    check = scene.check_calibration(SHARP, np.zeros((240, 320), np.uint8), pusher())
+    check = check_calibration(SHARP, np.zeros((240, 320), np.uint8), pusher())
     assert check[1:3] == (FAILED, "made for 640 x 480 px, the camera gives 320 x 240")
 
 
 def test_an_object_that_is_not_seen_is_a_warning_with_numbers(tmp_path):
-    check = scene.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(NAME), None)
+    check = camera.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(NAME), None)
     assert check.level is WARNING
     assert "not checked whether it is seen" in check.finding
-    check = scene.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(NAME), np.full((240, 320), 40, np.uint8))
+    check = camera.check_object(demo_cell(NAME, tmp_path), CAMERA, load_object(NAME), np.full((240, 320), 40, np.uint8))
     seen = "expected about 127 x 64 px; the picture has grey levels of 40 (median) to 40"
     assert check[1:3] == (WARNING, f"rubber_rect4 is not seen now: no object; {seen}")
     assert "./pushfric edit" in check.advice
@@ -365,7 +365,7 @@ def test_an_object_that_is_not_seen_is_a_warning_with_numbers(tmp_path):
     ("plan", "level"), [({}, OK), ({"distance": 0.07}, FAILED), ({"speed": 0.2}, FAILED), ({"plan": "none.yaml"}, FAILED)]
 )
 def test_a_plan_must_fit_the_pusher(plan, level):
-    check = scene.check_plan(PlanConfig(**plan), pusher(), load_object(NAME))
+    check = camera.check_plan(PlanConfig(**plan), pusher(), load_object(NAME))
     assert check.level is level
 
 

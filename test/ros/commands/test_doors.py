@@ -34,7 +34,7 @@ from pushfric_core.files.csv_files import MOVED, OPTIONAL, REQUIRED, TURNED, Edg
 from pushfric_core.files.model_file import load_model
 from pushfric_core.files.object_file import OBJECT_FILE, load_object, save_object
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.surface_models import surface_samples
+from pushfric_core.mechanics.limit_surface import surface_samples
 from pushfric_core.records import to_json
 from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, FrictionModel, Observation, Recognition
 from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes

@@ -15,7 +15,7 @@ from pushfric_core import TABLE_1, Estimator, Pose
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.frames import OBJECT, TABLE
+from pushfric_core.geometry.planar import OBJECT, TABLE
 from pushfric_core.vision.camera import Camera
 from pushfric_ros.messages.conversions import estimate_to_msg, pose_to_msg
 from pushfric_ros.messages.markers import estimate_to_markers

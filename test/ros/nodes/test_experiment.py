@@ -17,7 +17,7 @@ from pushfric_core import TABLE_1, Pose, PushingLine
 from pushfric_core.bags.samples import pose_from_msg
 from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
-from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import TABLE
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.trajectories.samples import PoseSample
 from pushfric_msgs.action import Push

@@ -13,10 +13,9 @@ from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.planar import Pose, Wrench
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_core.mechanics.limit_surface import LimitSurface
+from pushfric_core.mechanics.limit_surface import LimitSurface, named_ellipsoid
 from pushfric_core.mechanics.prediction import motion_cone, predict
 from pushfric_core.mechanics.strokes import predict_strokes
-from pushfric_core.mechanics.surface_models import named_ellipsoid
 from pushfric_msgs.msg import Basis, FrictionModel, Observation
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import observation_to_msg

@@ -20,8 +20,7 @@ from pushfric_core.bags.samples import (
 )
 from pushfric_core.belief.symptoms import tip_stays_away
 from pushfric_core.errors import InvalidInput, PushfricError, extra
-from pushfric_core.estimation.batch import Warn
-from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator
+from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator, Warn
 from pushfric_core.files.csv_files import read_observations
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.files.estimator_settings import EstimatorSettings

@@ -6,12 +6,11 @@ from typing import Any
 
 from pushfric_core.bags.constants import constants
 from pushfric_core.geometry.contact import PushingLine
-from pushfric_core.geometry.frames import OBJECT, TABLE, is_frame
-from pushfric_core.geometry.planar import Pose, Twist
+from pushfric_core.geometry.planar import OBJECT, TABLE, Pose, Twist, is_frame
 from pushfric_core.plausible import FARTHEST, STRONGEST, check_within
 from pushfric_core.trajectories.observation import Observation
+from pushfric_core.trajectories.observation_maker import ForceSample
 from pushfric_core.trajectories.samples import PoseSample, PusherSample
-from pushfric_core.trajectories.sensed_force import ForceSample
 
 New = Callable[..., Any]
 """Makes a message, given the name of its type and some of its fields."""

@@ -27,5 +27,5 @@ adds to that."""
 
 COMMANDS = {name: text for section in SECTIONS.values() for name, text in section.items()}
 
-MODULES = {"predict": "planning", "stable": "planning", "report": "view"}
+MODULES = {"predict": "planning", "stable": "planning", "export": "planning", "report": "view"}
 """Modules of the commands whose name is not that of a module."""

@@ -19,7 +19,7 @@ from pushfric_core.commands.options import (
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation import batch
+from pushfric_core.estimation.estimator import last, taken
 from pushfric_core.estimation.recognition import Recognizer
 from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.offline.inputs import object_of, with_support
@@ -43,7 +43,7 @@ def recognize(
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")
     reading = recorded.read(model, chosen, warn, partial)
     data = chosen.relied_on(reading.observations, model.support_points, warn)
-    ranking = batch.recognize(Recognizer(model.hypotheses, chosen.estimator), data, warn)
+    ranking = last(taken(Recognizer(model.hypotheses, chosen.estimator).add, data, warn))
     for ranked in ranking.hypotheses:
         if ranked.contradiction is not None:
             warn(f"{ranked.name}: {ranked.contradiction}")

@@ -15,7 +15,7 @@ from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption,
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option_as_recorded
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.batch import Warn, taken
+from pushfric_core.estimation.estimator import Warn, taken
 from pushfric_core.estimation.push_choice import RankedPush, next_pushes, planned_pushes, slip_pushes
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.estimation.region import HalfPlanes, Region, RegionConfig, line_of_motion

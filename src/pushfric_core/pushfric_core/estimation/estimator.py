@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Generator, Iterable
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +16,7 @@ import numpy.typing as npt
 from pushfric_core import plugins
 from pushfric_core.belief.doubts import Rejected
 from pushfric_core.belief.judge import Judgement, judging
+from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.excitation import Excitation
 from pushfric_core.geometry.outline import Outline
@@ -455,3 +458,39 @@ class _Contacts:
         self._shown, self._shown_tips = self._room.view(), self._tips.view()
         self._shown.setflags(write=False)
         self._shown_tips.setflags(write=False)
+
+
+Warn = Callable[[str], None]
+
+Taken = TypeVar("Taken")
+
+
+def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], warn: Warn) -> Iterator[Taken]:
+    """The result of each observation, one by one, as in a live node; `warn` is called with a line for each that is refused."""
+    for observation in data:
+        try:
+            yield take(observation)
+        except PushfricError as error:
+            warn(f"observation of push {observation.push_id} refused: {error}")
+
+
+def last(results: Iterable[Taken]) -> Taken:
+    """The result of the last observation.
+
+    Raises:
+        InvalidInput: all observations were refused.
+    """
+    newest = deque(results, maxlen=1)
+    if not newest:
+        raise InvalidInput("no observation could be used, expected at least one")
+    return newest[0]
+
+
+def usable_by(estimator: Estimator, data: Iterable[Observation], warn: Warn) -> list[Observation]:
+    """The observations that an estimator takes; warns as `taken`."""
+
+    def checked(observation: Observation) -> Observation:
+        estimator.check(observation)
+        return observation
+
+    return list(taken(checked, data, warn))

@@ -9,8 +9,7 @@ from typing import Any, ClassVar
 import numpy.typing as npt
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.batch import Warn, usable_by
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.estimation.estimator import Estimator, EstimatorConfig, Warn, usable_by
 from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.settings import merged, plain, read, setting

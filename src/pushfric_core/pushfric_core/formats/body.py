@@ -11,8 +11,8 @@ import shapely
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, cross, left_of
 from pushfric_core.geometry.support import Support
+from pushfric_core.mechanics.limit_surface import NamedEllipsoid, SurfaceError, named_ellipsoid, support_error, surface_samples
 from pushfric_core.mechanics.prediction import FrictionModel
-from pushfric_core.mechanics.surface_models import NamedEllipsoid, SurfaceError, named_ellipsoid, support_error, surface_samples
 from pushfric_core.records import comparable
 
 GRAVITY = 9.81

@@ -1,4 +1,4 @@
-"""Rigid motions of the plane: poses, twists and wrenches in SE(2), with all signs defined here.
+"""Rigid motions of the plane: poses, twists and wrenches in SE(2), with all signs defined here; and the frames of a cell.
 
 Angles are counter-clockwise. A twist (vx, vy, omega) is the velocity of the object-frame origin, in the object frame. A
 wrench (fx, fy, m) holds the moment about the object-frame origin. Points are arrays whose last axis is (x, y).
@@ -6,7 +6,7 @@ wrench (fx, fy, m) holds the moment about the object-frame origin. Points are ar
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -147,3 +147,33 @@ def velocity_at(twist: Twist, points: npt.ArrayLike) -> Array:
 def wrap(angle: float) -> float:
     """The same angle in [-pi, pi)."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
+
+
+TABLE = "table"
+OBJECT = "object"
+CAMERA = "camera_optical"
+FRAMES = (TABLE, OBJECT, CAMERA)
+"""The frames of a cell.
+
+`table` is its world: the z axis points up, the plane z = 0 is the table top. `object` is fixed to the object. `camera_optical`
+is the camera, with the axes of REP 103: z along the line of sight, x to the right and y down in the image. Cells that share a
+tree of transforms put a prefix before these names.
+"""
+
+
+def put_prefix(msg: Any, prefix: str) -> None:
+    """Put a prefix before the names of the frames in the headers of a message that is to be published.
+
+    Messages that share a header get the prefix once.
+    """
+    if not prefix:
+        return
+    for part in (msg, getattr(msg, "basis", None), *getattr(msg, "markers", ())):
+        header = getattr(part, "header", None)
+        if header is not None and header.frame_id in FRAMES:
+            header.frame_id = prefix + header.frame_id
+
+
+def is_frame(name: str, frame: str) -> bool:
+    """Whether a name is that of a frame, with whatever prefix."""
+    return name.rpartition("/")[2] == frame

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from pushfric_core.bags.recorded import Recorded
-from pushfric_core.estimation import batch
-from pushfric_core.estimation.batch import Warn
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import EstimateReport
-from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.estimator import Estimator, Warn, last, usable_by
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.estimator_settings import ChosenSettings, EstimatorSettings
 from pushfric_core.files.model_file import ModelFile, make_model
@@ -87,7 +85,7 @@ def estimate_from(
     course: list[Estimate] = []
 
     def take(observation: Observation) -> None:
-        if observation.push_id in settings.excluded or not batch.usable_by(estimator, [observation], warn):
+        if observation.push_id in settings.excluded or not usable_by(estimator, [observation], warn):
             return
         data.append(observation)
         if whole_course:
@@ -96,7 +94,7 @@ def estimate_from(
 
     recorded.on_observation = take
     reading = recorded.read(model, settings, warn, choices.partial)
-    batch.last(data)
+    last(data)
     course[-1:] = [estimator.estimate() if whole_course else estimator.add(data)]
     verdict = course[-1].verdict
     reading.settle(estimator)

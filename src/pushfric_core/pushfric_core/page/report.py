@@ -21,9 +21,9 @@ import pushfric_core
 from pushfric_core.bags.run_record import PLAN, TYPES
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import PushfricError
-from pushfric_core.estimation.batch import last, taken
 from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
+from pushfric_core.estimation.estimator import last, taken
 from pushfric_core.estimation.push_plan import number_of
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import as_yaml

@@ -1,12 +1,115 @@
 """Observations from what a cell measures: poses and pusher states, and the measured forces where these are needed."""
 
+from collections import deque
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
 from pushfric_core.geometry.outline import Outline
+from pushfric_core.geometry.planar import rotation
 from pushfric_core.trajectories.course import UNPLANNED, Planned
-from pushfric_core.trajectories.ledger import OBSERVATIONS, WAITING, Ledger
+from pushfric_core.trajectories.ledger import NO_OBSERVATION, OBSERVATIONS, USED, WAITING, WRENCHES, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.samples import PoseSample, PusherSample, TrajectoryConfig
-from pushfric_core.trajectories.sensed_force import ForceMatcher, ForceSample
+from pushfric_core.trajectories.stream import Stream
 from pushfric_core.trajectories.trajectory import Trajectory
+
+REMEMBERED = 100_000
+"""Number of samples kept while no observation comes: 100 s of a sensor at 1 kHz."""
+
+
+class ForceSample(NamedTuple):
+    """A sample of the force sensor."""
+
+    stamp: int  # [ns]
+    force: tuple[float, float]  # of the pusher ON the object, table frame [N]
+
+
+class ForceMatcher:
+    """Gives observations their forces.
+
+    An observation waits until a sample from after its motion has come. So only the stamps matter, not the order of arrival.
+    """
+
+    def __init__(self) -> None:
+        self._stream: Stream[ForceSample] = Stream()
+        self._samples: deque[ForceSample] = deque()
+        self._used_until = -1  # the last stamp that an observation has used [ns]; those before its motion are gone
+        self._waiting: deque[Observation] = deque()
+
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp of the oldest waiting observation [ns]; None if no observation waits."""
+        return self._waiting[0].stamp if self._waiting else None
+
+    @property
+    def waiting(self) -> int:
+        """Observations that wait."""
+        return len(self._waiting)
+
+    def add_force(self, sample: ForceSample) -> list[Observation]:
+        """Take a sample and return the observations that became complete. `Stream` says which samples count.
+
+        Raises:
+            ValueError: the force is not finite.
+        """
+        if not np.isfinite(sample.force).all():
+            raise ValueError(f"a force must be finite, got {tuple(map(float, sample.force))}")
+        found = []
+        for known in self._stream.take(sample):
+            if len(self._samples) == REMEMBERED:
+                self._leave()
+            self._samples.append(known)
+            found += self._complete()
+        return found
+
+    def enter(self, ledger: Ledger, until: int) -> None:
+        """Enter what became of all samples so far, if no more were to follow; `until` as for `Stream.close`."""
+        self._stream.close(ledger, WRENCHES, until)
+        account = ledger.accounts[WRENCHES]
+        for sample in self._samples:
+            account.end(self._fate_of(sample))
+
+    def _leave(self) -> None:
+        self._stream.account.end(self._fate_of(self._samples.popleft()))
+
+    def _fate_of(self, sample: ForceSample) -> str:
+        return USED if sample.stamp <= self._used_until else NO_OBSERVATION
+
+    def add_observation(self, observation: Observation) -> list[Observation]:
+        """Take an observation and return the observations that became complete.
+
+        Raises:
+            ValueError: the observation has no pose, so the force cannot be expressed in the object frame.
+        """
+        if observation.pose is None:
+            raise ValueError("an observation needs its pose to be given a force")
+        self._waiting.append(observation)
+        return self._complete()
+
+    def _complete(self) -> list[Observation]:
+        found = []
+        while self._waiting and self._samples:
+            observation = self._waiting[0]
+            half = round((observation.duration or 0.0) * 5e8)
+            if self._samples[-1].stamp <= observation.stamp + half:
+                break
+            while self._samples[0].stamp < observation.stamp - half:  # observations come in order of time
+                self._leave()
+            during = [sample.force for sample in self._samples if sample.stamp <= observation.stamp + half]
+            self._used_until = observation.stamp + half
+            found.append(self._with_force(self._waiting.popleft(), during))
+        return found
+
+    @staticmethod
+    def _with_force(observation: Observation, during: list[tuple[float, float]]) -> Observation:
+        """The observation with the mean force in the object frame; unchanged if nothing was measured."""
+        if not during:
+            return observation
+        assert observation.pose is not None
+        x, y = rotation(-observation.pose.theta) @ np.mean(during, axis=0)
+        return replace(observation, force=(float(x), float(y)))
 
 
 class ObservationMaker:

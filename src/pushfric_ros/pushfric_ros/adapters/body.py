@@ -16,7 +16,7 @@ class Source(Protocol):
 
     @property
     def topics(self) -> Mapping[str, tuple[str, str]]:
-        """Name of each topic -> its type (package/msg/Type) and its quality of service, one of `messages.qos.QUALITIES`."""
+        """Name of each topic -> its type (package/msg/Type) and its quality of service, one of `node_settings.QUALITIES`."""
 
     def body(self, topic: str, msg: Any) -> Body | None:
         """The body in a message of a topic; None if it says nothing new about it.

@@ -1,1 +1,1 @@
-"""Core types to ROS messages and back, markers, the installed message types, and the qualities of service."""
+"""Core types to ROS messages and back, markers, and the installed message types."""

@@ -1,1 +1,1 @@
-"""Shared by all nodes: parameters, a clean start and end, diagnostics, heartbeats, the network, /tf."""
+"""Shared by all nodes: parameters, qualities of service, a clean start and end, diagnostics, heartbeats, the network, /tf."""

@@ -1,7 +1,6 @@
 """Opens a source of bodies, and subscribes to its topics."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,11 +12,10 @@ from pushfric_core.cell.mount import MountConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.plugins import SOURCES, plugin
 from pushfric_ros.adapters.body import Body, Source
-from pushfric_ros.messages.qos import NAMED
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.parameters import declare
-from pushfric_ros.node_kit.qos import profile
+from pushfric_ros.node_kit.qos import NAMED, deepened
 
 QUEUE = 500
 """Number of messages that may wait in the queue."""
@@ -92,4 +90,4 @@ def messages(subscription: Subscription) -> Iterator[Any]:
 
 def _wanted(source: Source) -> Iterator[tuple[str, type, QoSProfile]]:
     for topic, (type_name, quality) in source.topics.items():
-        yield topic, message_class(type_name), profile(replace(NAMED[quality], depth=QUEUE))
+        yield topic, message_class(type_name), deepened(NAMED[quality], QUEUE)

@@ -12,7 +12,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from pushfric_core.bags.samples import stamp_from_msg
-from pushfric_core.geometry.frames import put_prefix
+from pushfric_core.geometry.planar import put_prefix
 from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.node_kit.timers import wall_timer

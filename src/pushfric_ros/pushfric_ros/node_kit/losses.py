@@ -1,6 +1,6 @@
 """The messages of a topic that were published but did not arrive: counted here for every node that must not miss any.
 
-`messages.qos` says on which topics messages can be lost, and what follows.
+`qos` says on which topics messages can be lost, and what follows.
 """
 
 from collections.abc import Callable

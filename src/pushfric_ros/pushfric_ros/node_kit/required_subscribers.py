@@ -6,6 +6,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
+from pushfric_ros.node_kit.qos import deepened
+
 
 class RequiredSubscribers:
     """The nodes that must not miss a message of a reliable publisher.
@@ -41,7 +43,5 @@ class RequiredSubscribers:
 
 def _match(offered: QoSProfile, requested: QoSProfile) -> bool:
     """Whether a publisher and a subscription are compatible; deadlines and the like are not used here."""
-    ours, theirs = (
-        QoSProfile(depth=1, reliability=profile.reliability, durability=profile.durability) for profile in (offered, requested)
-    )
+    ours, theirs = (deepened(profile, 1) for profile in (offered, requested))
     return qos_check_compatible(ours, theirs)[0] != QoSCompatibility.ERROR

@@ -3,8 +3,7 @@
 from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion, Transform, TransformStamped, Vector3
 from rclpy.node import Node
 
-from pushfric_core.geometry.frames import CAMERA, OBJECT, TABLE
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import CAMERA, OBJECT, TABLE, Array
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 TYPE = "tf2_msgs/msg/TFMessage"

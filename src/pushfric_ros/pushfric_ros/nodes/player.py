@@ -20,7 +20,6 @@ from pushfric_core.bags.contents import BagMessage, Topic
 from pushfric_core.cell.node_settings import PlayerConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
-from pushfric_ros.messages.qos import Durability
 from pushfric_ros.messages.types import recorded_class
 from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
@@ -194,7 +193,7 @@ def _offered(topic: Topic) -> QoSProfile:
 
     It is always reliable: what was recorded must not be lost on the way to a second listener.
     """
-    latched = any(qos.durability == Durability.TRANSIENT_LOCAL for qos in topic.qos_profiles)
+    latched = any(qos.durability == "transient_local" for qos in topic.qos_profiles)
     return QoSProfile(
         # discovery does not carry the depth: 0 in bags of `ros2 bag record`
         depth=min(max((qos.depth for qos in topic.qos_profiles), default=0), DEPTH_LIMIT) or DEFAULT_DEPTH,

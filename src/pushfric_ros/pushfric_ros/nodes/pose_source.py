@@ -7,7 +7,7 @@ from rclpy.node import Node
 
 from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import FrameConfig, RequiredSubscribersConfig
-from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import TABLE
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.bodies import follow, source_of
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level, without_publisher

@@ -19,13 +19,12 @@ from pushfric_core.cell.node_settings import KnownTopic, RecorderConfig, Recordi
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.object_file import CAMERA_FILE, OBJECT_FILE, PRIOR_FILE, load_object, save_object
 from pushfric_core.wording import counted
-from pushfric_ros.messages.qos import NAMED, RELIABLE
 from pushfric_ros.messages.types import definition, message_class, type_hash
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import offered, profile
+from pushfric_ros.node_kit.qos import NAMED, RELIABLE, deepened, offered
 from pushfric_ros.node_kit.timers import wall_timer
 
 QUEUE_DEPTH = RELIABLE.depth
@@ -70,7 +69,7 @@ class RecorderNode(Node):
         self._waiting: list[tuple[str, bytes]] = []  # messages that wait for the first /clock
         self._refused: set[str] = set()
         for topic in known:
-            wanted = profile(NAMED[topic.quality])
+            wanted = NAMED[topic.quality]
             self._record(topic.name, topic.type_name, [wanted], wanted)
         if config.discover:
             wall_timer(self, 0.1, self._discover)
@@ -121,7 +120,7 @@ class RecorderNode(Node):
     ) -> None:
         offers = [offered(profile) for profile in found]
         self._bag.add_topic(name, type_name, offers, hash_text or type_hash(type_name), definition(type_name))
-        deep = QoSProfile(depth=QUEUE_DEPTH, reliability=wanted.reliability, durability=wanted.durability)
+        deep = deepened(wanted, QUEUE_DEPTH)
         kind, record = message_class(type_name), partial(self._on_message, name)
         self._receptions[name] = Reception(self, kind, name, record, deep, raw=True)
 

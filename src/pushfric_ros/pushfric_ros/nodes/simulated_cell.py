@@ -26,8 +26,7 @@ from pushfric_core.cell.node_settings import SWITCHES, FrameConfig, ObjectConfig
 from pushfric_core.errors import SolverFailed
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.contact import pushing_line
-from pushfric_core.geometry.frames import CAMERA
-from pushfric_core.geometry.planar import Pose
+from pushfric_core.geometry.planar import CAMERA, Pose
 from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.simulation import PushedObject

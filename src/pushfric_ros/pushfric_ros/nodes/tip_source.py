@@ -14,8 +14,7 @@ from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import FrameConfig, ObjectConfig, TipConfig, TipNodeConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.frames import TABLE
-from pushfric_core.geometry.planar import Array, inverse, transform
+from pushfric_core.geometry.planar import TABLE, Array, inverse, transform
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.bodies import follow, source_of

@@ -22,8 +22,7 @@ from pushfric_core.simulated.line_damage import in_lines, straying
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.person import NoAnswer
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
-from pushfric_ros.rehearsal.cell import cell_has_ended, cell_under_way, pid_of
-from pushfric_ros.rehearsal.grbl_stage import GrblStage
+from pushfric_ros.rehearsal.grbl_stage import GrblStage, cell_has_ended, cell_under_way, pid_of
 from pushfric_ros.rehearsal.stage import EVENT_TIMEOUT, MID_PUSH, REACTION, TRIES, EndedEarly, Stage, end, words_of
 
 OWNER = 0.5  # after the owner of a push is gone, the pusher rests within this time and the braking [s]

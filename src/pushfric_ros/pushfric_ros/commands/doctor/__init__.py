@@ -23,10 +23,26 @@ from pushfric_core.pushers.pusher import Check, Grade
 from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, load_camera
 from pushfric_core.vision.frame_source import TOPICS
-from pushfric_ros.commands.doctor.camera import Watched, check_camera, check_exposure, check_stamps, watch
-from pushfric_ros.commands.doctor.discovery import check_discovery, check_multicast
-from pushfric_ros.commands.doctor.machine import check_build, check_clock, check_disk, check_packages, check_priority, check_ros
-from pushfric_ros.commands.doctor.scene import check_calibration, check_object, check_plan
+from pushfric_ros.commands.doctor.camera import (
+    Watched,
+    check_calibration,
+    check_camera,
+    check_exposure,
+    check_object,
+    check_plan,
+    check_stamps,
+    watch,
+)
+from pushfric_ros.commands.doctor.machine import (
+    check_build,
+    check_clock,
+    check_discovery,
+    check_disk,
+    check_multicast,
+    check_packages,
+    check_priority,
+    check_ros,
+)
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.lock import lock
 

@@ -10,7 +10,7 @@ from rclpy.task import Future
 from std_msgs.msg import String
 
 from pushfric_core.geometry.contact import pushing_line
-from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import TABLE
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherFault, PusherReport
 from pushfric_core.pushers.stroke import unevenness
 from pushfric_msgs.action import Push

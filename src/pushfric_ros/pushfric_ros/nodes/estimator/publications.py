@@ -12,7 +12,7 @@ from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
 from pushfric_core.files.estimator_settings import START_TOPIC
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
-from pushfric_core.geometry.frames import OBJECT
+from pushfric_core.geometry.planar import OBJECT
 from pushfric_core.mechanics.prediction import FrictionModel as Belief
 from pushfric_msgs.msg import (
     CenterOfFrictionRegion,

@@ -17,7 +17,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.push_plan import PlannedPush, number_of, placement, purpose_of
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.plan_file import load_plan
-from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import TABLE
 from pushfric_core.wording import counted
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PlanProgress, PusherState

@@ -14,7 +14,7 @@ from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.cell.node_settings import CameraConfig, FrameConfig, ObjectConfig, RequiredSubscribersConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.frames import TABLE
+from pushfric_core.geometry.planar import TABLE
 from pushfric_core.plugins import chosen_tracker, tracker_kinds
 from pushfric_core.vision.camera import Image, load_camera
 from pushfric_core.vision.frame_source import TOPICS, Device

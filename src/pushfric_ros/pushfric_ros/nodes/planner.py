@@ -1,14 +1,16 @@
-"""The work for each question of a planner: the core's answer, a slice of the question at a time.
+"""The planner node: the estimator's last friction model -> answers to planners, a slice of a question at a time.
 
 Each push is computed by itself, so the slices make no difference to the numbers.
 """
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from rclpy.node import Node
 
 from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.geometry.outline import Outline
@@ -20,6 +22,7 @@ from pushfric_msgs.msg import Basis, LimitSurface
 from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import (
+    MODEL_TOPIC,
     add_cones,
     add_predictions,
     add_stability,
@@ -31,6 +34,12 @@ from pushfric_ros.messages.conversions import (
     strokes_from_msg,
     turns_from_msg,
 )
+from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
+from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.planner_client import QUESTIONS
+from pushfric_ros.node_kit.process import PATIENT, run_node
+from pushfric_ros.node_kit.qos import LATCHED
+from pushfric_ros.node_kit.turns import Answer, Refuse, Turns
 
 
 @dataclass(frozen=True)
@@ -161,3 +170,44 @@ def _slices(count: int, model: FrictionModel) -> Iterator[slice]:
     """The slices of a number of pushes."""
     step = max(1, NUMBERS // model.with_mean[0].size)
     return (slice(start, start + step) for start in range(0, count, step))
+
+
+class PlannerNode(Node):
+    """Answers planners from the last friction model: where pushes lead, which hold the object, and its limit surface."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("planner", **kwargs)
+        self._config = declare(self, PlannerConfig)
+        self._known = Known()
+        self._diagnostics = topics = Diagnostics(self, self._health)
+        topics.subscribe(FrictionModelMsg, MODEL_TOPIC, self._on_model, LATCHED)
+        self._turns = Turns(self, self._config.longest)
+        for name, kind in QUESTIONS.items():
+            self._turns.serve(kind, f"~/{name}", self._begins(name, kind))
+
+    def _begins(self, name: str, kind: Any) -> Callable[[Any], tuple[Answer, Refuse]]:
+        """Functions that begin and refuse the work for a request of a service: by what is known then, whatever comes later."""
+
+        def begin(request: Any) -> tuple[Answer, Refuse]:
+            known = self._known
+            answer = getattr(Answers(known, self._config), name)(request)
+            return answer, lambda reason: kind.Response(message=reason, basis=known.basis)
+
+        return begin
+
+    def _on_model(self, msg: FrictionModelMsg) -> None:
+        self._known = Known.of(msg)
+
+    def _health(self) -> Health:
+        basis, turns = self._known.basis, self._turns
+        values = {"object": basis.object, "observations": basis.data_points}
+        values |= {name: getattr(turns, name) for name in ("answered", "refused", "dropped", "waiting")}
+        if silent := without_publisher(self):
+            return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
+        if self._known.wrong:
+            return Health(Level.ERROR, self._known.why_not, values)
+        return Health(Level.OK, "answering" if self._known.model is not None else self._known.why_not, values)
+
+
+def main() -> None:
+    run_node(PlannerNode, niceness=PATIENT)

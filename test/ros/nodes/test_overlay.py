@@ -5,7 +5,7 @@ import numpy as np
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, transform
 from pushfric_core.vision.camera import Camera
-from pushfric_core.vision.overlay import GHOST, PLACED, SEEN, Overlay
+from pushfric_ros.nodes.tracker.pictures import GHOST, PLACED, SEEN, Overlay
 
 CAMERA = Camera.looking_down(640, 480, (0.0, 0.0), 0.0005)
 OUTLINE = Outline.rectangle(0.08, 0.04)
