@@ -9,7 +9,7 @@ from problems import four_feet
 from pushfric_core import FrictionModel, predict
 from pushfric_core.belief import linearisation
 from pushfric_core.belief.fit import problem_of, softmax
-from pushfric_core.belief.linearisation import errors, linearised, motion_sizes
+from pushfric_core.belief.linearisation import errors, linearised, motion_sizes, predicted
 from pushfric_core.belief.stretches import steps_of, stretches
 from pushfric_core.geometry.planar import rotation
 
@@ -29,7 +29,7 @@ def pushes(turn, seen=True):
 
 
 def at(data, u, mu_c):
-    return errors(data[0], data[1], softmax(u), mu_c)
+    return errors(*data, predicted(*data, softmax(u), mu_c))
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_the_slopes_are_those_of_finite_differences(monkeypatch, mu_c, turn, see
     found = stretches(steps_of(list(pushes(turn, seen)), 0.2), 0.2)
     assert len(found.lengths) == 8  # each of two steps
     problem = problem_of(POINTS, found, 1.0).place, found
-    about = linearised(*problem, softmax(U), mu_c)
+    about = linearised(*problem, softmax(U), predicted(*problem, softmax(U), mu_c))
     assert np.array_equal(about.errors, at(problem, U, mu_c))
     step = 1e-4
     for point, slopes in enumerate(np.moveaxis(about.slopes, 2, 0)):
@@ -59,4 +59,6 @@ def test_what_is_predicted_has_no_error():
     seen = [replace(one, twist=one.twist._make(twist)) for one, twist in zip(data, moved.twists.tolist(), strict=True)]
     found = stretches(steps_of(seen, 0.2), 0.2)
     place = problem_of(POINTS, found, 1.0).place
-    assert np.abs(errors(place, found, softmax(U), 0.3)).max() < 1e-7 * motion_sizes(place, found).min()
+    assert (
+        np.abs(errors(place, found, predicted(place, found, softmax(U), 0.3))).max() < 1e-7 * motion_sizes(place, found).min()
+    )

@@ -21,10 +21,11 @@ from pushfric_core.belief.constants import (
     SMOOTH,
     VARIES,
 )
-from pushfric_core.belief.linearisation import Linearised, Place, anywhere, errors, linearised, motion_sizes
+from pushfric_core.belief.linearisation import Linearised, Place, anywhere, errors, linearised, motion_sizes, predicted
 from pushfric_core.belief.stretches import Stretches
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.support import rms_arm
+from pushfric_core.mechanics.quasi_static import Motions
 
 STEPS = 10
 """At most so many steps of Gauss-Newton; five are usual."""
@@ -150,11 +151,12 @@ def limit_of(problem: Problem, step: Array) -> float:
 
 def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, None, Fit]:
     """Find the mode that is reached from some parameters (n + 1,), in at most so many steps; pauses after each."""
-    scale, fitted = math.nan, 0.0
+    scale, fitted, foretold = math.nan, 0.0, _foretold(problem, at)
     for left in range(steps, -1, -1):
         w, log = problem.w(at), log_mu_c(at)
-        found = linearised(problem.place, problem.data, w, math.exp(log))
-        by_mu_c = (errors(problem.place, problem.data, w, math.exp(log + STEP)) - found.errors) / STEP
+        found = linearised(problem.place, problem.data, w, foretold)
+        more = predicted(problem.place, problem.data, w, math.exp(log + STEP))
+        by_mu_c = (errors(problem.place, problem.data, more) - found.errors) / STEP
         own = found.pivots + VARIES**2 * by_mu_c[:, :, None] * by_mu_c[:, None, :]
         own = own + anywhere(problem.place, problem.data, w, math.exp(log), found.errors)
         scale = _scale(problem, found.errors, own, scale, fitted)
@@ -171,11 +173,15 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
         step = -damped(rows, slopes.T @ (weights * off) + at)
         step *= limit_of(problem, step)
         length, before = 1.0, cost(problem, off, at)
-        while length > 0.5**HALVINGS and not _cost(problem, at + length * step, roots) < before:
+        while length > 0.5**HALVINGS:
+            there = at + length * step
+            foretold = _foretold(problem, there)
+            if cost(problem, _whitened_errors(problem, roots, there, foretold), there) < before:
+                break
             length /= 2
         if length <= 0.5**HALVINGS or length * float(np.abs(step).max()) < CONVERGED:
             break
-        at = at + length * step
+        at = there
         yield
     evidence = -cost(problem, off, at) - spread_cost(problem, roots, scale) - float(np.linalg.slogdet(square)[1]) / 2
     return Fit(at, scale, roots, off, slopes, weights, evidence)
@@ -203,9 +209,17 @@ def row_weights(problem: Problem, off: Array) -> Array:
 
 def errors_at(problem: Problem, roots: Array, parameters: Array, w: Array | None = None) -> Array:
     """The errors (3k + f,) of unit variance at parameters (n + 1,); with another w, if one is given."""
-    log = log_mu_c(parameters)
-    off = errors(problem.place, problem.data, problem.w(parameters) if w is None else w, math.exp(log))
-    return np.concatenate((solved(roots, off).reshape(-1), _forced(problem.data, log)))
+    return _whitened_errors(problem, roots, parameters, _foretold(problem, parameters, w))
+
+
+def _foretold(problem: Problem, parameters: Array, w: Array | None = None) -> Motions:
+    w = problem.w(parameters) if w is None else w
+    return predicted(problem.place, problem.data, w, math.exp(log_mu_c(parameters)))
+
+
+def _whitened_errors(problem: Problem, roots: Array, parameters: Array, foretold: Motions) -> Array:
+    off = solved(roots, errors(problem.place, problem.data, foretold)).reshape(-1)
+    return np.concatenate((off, _forced(problem.data, log_mu_c(parameters))))
 
 
 def _forced(data: Stretches, log: float) -> Array:
@@ -228,10 +242,6 @@ def sizes_off(problem: Problem, fit: Fit) -> Array:
 def misfits(problem: Problem, fit: Fit) -> Array:
     """The angles (k,) by which the motions of the stretches are off [rad]."""
     return np.asarray(np.arctan2(sizes_off(problem, fit), motion_sizes(problem.place, problem.data)))
-
-
-def _cost(problem: Problem, at: Array, roots: Array) -> float:
-    return cost(problem, errors_at(problem, roots, at), at)
 
 
 def spread_cost(problem: Problem, roots: Array, scale: float) -> float:

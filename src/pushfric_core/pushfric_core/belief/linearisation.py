@@ -9,13 +9,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from pushfric_core.belief.constants import LEAST_RATIO, REACH, ROUNDED
 from pushfric_core.belief.stretches import Stretches, at_contacts
 from pushfric_core.geometry.planar import Array, cross, left_of
 from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.prediction import SHARE, STICKING
+from pushfric_core.mechanics.quasi_static import Motions
 
 TINY = 1e-12
 
@@ -36,16 +36,14 @@ class Linearised(NamedTuple):
     pivots: Array  # (k, 3, 3) covariance from supports near the centre of rotation, which push in no known direction [m^2]
 
 
-def errors(place: Place, data: Stretches, w: Array, mu_c: float) -> Array:
-    """As `Linearised.errors`."""
-    velocities, turns, _, _ = _predicted(place, data, w, mu_c)
-    return _summed(data, _off(place, data, velocities, turns))
+def errors(place: Place, data: Stretches, foretold: Motions) -> Array:
+    """The errors of the motions that were foretold, as `Linearised.errors`."""
+    return _summed(data, _off(place, data, foretold.twists))
 
 
 def errors_per_way(place: Place, data: Stretches, w: Array, mu_c: float) -> Array:
     """How far the predicted motion of each step (r,) is off, as a share of the tip's way."""
-    velocities, turns, _, _ = _predicted(place, data, w, mu_c)
-    off = np.linalg.norm(_off(place, data, velocities, turns), axis=1)
+    off = np.linalg.norm(_off(place, data, predicted(place, data, w, mu_c).twists), axis=1)
     return np.asarray(off / np.maximum(np.linalg.norm(data.ways, axis=1), TINY))
 
 
@@ -54,7 +52,7 @@ def with_bounds(place: Place, data: Stretches, w: Array) -> Stretches:
 
     Ratios near mu_c would count once each if all were kept: 90 of 100 are at most as large as the one that is.
     """
-    _, _, _, forces = _predicted(place, data, w, STICKING)
+    forces = predicted(place, data, w, STICKING).forces
     normals = data.normals
     pressure = -np.sum(forces * normals, axis=1)
     shear = np.abs(cross(normals, forces))
@@ -76,7 +74,8 @@ def anywhere(place: Place, data: Stretches, w: Array, mu_c: float, errors_seen: 
         return np.zeros((len(errors_seen), 3, 3))
     aside = data.contacts + data.half_widths[:, None] * left_of(data.normals)
     ways = np.where(data.sticks[:, None], at_contacts(aside, data.motions), data.ways)
-    off = errors(place, data._replace(contacts=aside, ways=ways), w, mu_c) - errors_seen
+    moved = data._replace(contacts=aside, ways=ways)
+    off = errors(place, moved, predicted(place, moved, w, mu_c)) - errors_seen
     # where the tip is not known, only turns about the contact are foretold
     turns = _summed(data, _framed(place, data, np.zeros_like(data.ways), np.ones(len(data.ways))))
     stuck = np.add.reduceat(data.sticks, data.begins)[:, None] > 0
@@ -90,16 +89,16 @@ def motion_sizes(place: Place, data: Stretches) -> Array:
     return np.asarray(np.linalg.norm(_summed(data, _framed(place, data, velocities, turns)), axis=1))
 
 
-def linearised(place: Place, data: Stretches, w: Array, mu_c: float) -> Linearised:
+def linearised(place: Place, data: Stretches, w: Array, foretold: Motions) -> Linearised:
     """The errors with their slopes.
 
     Args:
         place: of the object.
         data: k stretches.
         w: (n,) support friction distribution.
-        mu_c: contact friction coefficient.
+        foretold: the motions of the steps (`predicted`).
     """
-    velocities, turns, modes, forces = _predicted(place, data, w, mu_c)
+    velocities, turns = at_contacts(data.contacts, foretold.twists), foretold.twists[:, 2]
     arms = place.points - data.contacts[:, None]
     ahead, across = -arms[..., 1], arms[..., 0]  # velocity of a support per turn about the contact
     speed_x, speed_y = velocities[:, :1] + turns[:, None] * ahead, velocities[:, 1:] + turns[:, None] * across
@@ -109,7 +108,7 @@ def linearised(place: Place, data: Stretches, w: Array, mu_c: float) -> Linearis
     xx, xy, yy = (1 - x * x) / rounded, -x * y / rounded, (1 - y * y) / rounded
     xt, yt = xx * ahead + xy * across, xy * ahead + yy * across
     curvature = np.stack([part @ w for part in (xx, xy, xt, xy, yy, yt, xt, yt, ahead * xt + across * yt)], axis=1)
-    response = _response(place, data, curvature.reshape(-1, 3, 3), velocities, turns, modes, forces)
+    response = _response(place, data, curvature.reshape(-1, 3, 3), velocities, foretold)
     wrenches = np.stack((x, y, ahead * x + across * y), axis=1)
     moved = -np.einsum("rab,rbn->ran", response, wrenches)
     by_w = _summed(data, _framed(place, data, moved[:, :2], moved[:, 2])) * w
@@ -122,20 +121,20 @@ def linearised(place: Place, data: Stretches, w: Array, mu_c: float) -> Linearis
         shifted = np.einsum("rab,rbn->ran", response, unknown)
         shifted = _summed(data, _framed(place, data, shifted[:, :2], shifted[:, 2]))
         pivots += np.einsum("kan,kbn->kab", shifted, shifted) / 2
-    return Linearised(_summed(data, _off(place, data, velocities, turns)), slopes, pivots)
+    return Linearised(errors(place, data, foretold), slopes, pivots)
 
 
-def _predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> tuple[Array, Array, npt.NDArray[np.int8], Array]:
-    """Velocities of the contacts (r, 2), turns (r,), modes (r,) and forces (r, 2)."""
+def predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> Motions:
+    """The motions that w (n,) and mu_c foretell for r steps: twists (r, 3), modes (r,) and forces (r, 2)."""
     mu_cs, both = np.array((mu_c, STICKING)), np.stack((w, w))
-    moved = quasi_static.motions_of_rows(
+    return quasi_static.motions_of_rows(
         place.points, both, mu_cs, data.sticks.astype(np.int64), data.contacts, data.normals, data.ways, lenient=True
     )
-    return at_contacts(data.contacts, moved.twists), moved.twists[:, 2], moved.modes, moved.forces
 
 
-def _off(place: Place, data: Stretches, velocities: Array, turns: Array) -> Array:
-    return _framed(place, data, velocities - at_contacts(data.contacts, data.motions), turns - data.motions[:, 2])
+def _off(place: Place, data: Stretches, twists: Array) -> Array:
+    velocities, seen = (at_contacts(data.contacts, each) for each in (twists, data.motions))
+    return _framed(place, data, velocities - seen, twists[:, 2] - data.motions[:, 2])
 
 
 def _framed(place: Place, data: Stretches, velocities: Array, turns: Array) -> Array:
@@ -155,11 +154,9 @@ def _summed(data: Stretches, values: Array) -> Array:
     return np.asarray(np.add.reduceat(values, data.begins, axis=0))
 
 
-def _response(
-    place: Place, data: Stretches, curvature: Array, velocities: Array, turns: Array, modes: npt.NDArray[np.int8], forces: Array
-) -> Array:
+def _response(place: Place, data: Stretches, curvature: Array, velocities: Array, foretold: Motions) -> Array:
     """How the motion about the contact gives way to a wrench (r, 3, 3), as (v of the contact, turn)."""
-    response = np.zeros(curvature.shape)
+    response, modes, forces = np.zeros(curvature.shape), foretold.modes, foretold.forces
     sticks = modes == quasi_static.STICKING
     pushes = np.linalg.norm(forces, axis=1) > TINY  # with all the weight at the contact, a turn about it costs nothing
     slides = np.flatnonzero((modes == quasi_static.SLIDING) & pushes)
@@ -174,7 +171,7 @@ def _response(
     bordered[:, range(3), range(3)] += TINY * np.trace(bordered, axis1=1, axis2=2)[:, None]
     free = np.linalg.inv(bordered)[:, :3, :3] * np.outer(scale, scale)
     # the tip prescribes the velocity along the normal: what a wrench changes there is made up for along the motion
-    motion = np.column_stack((velocities[slides], turns[slides]))
+    motion = np.column_stack((velocities, foretold.twists[:, 2]))[slides]
     normals = data.normals[slides]
     inward = np.minimum(np.sum(velocities[slides] * normals, axis=1), -TINY)
     along = np.einsum("rab,ra->rb", free[:, :2], normals) / inward[:, None]

@@ -35,6 +35,10 @@ STEPS, MORE_STEPS = 4, 2
 TURNS = 3
 """Number of times that a displacement and the mode are found in turns."""
 
+HOPELESS = -7.0
+"""A displacement whose first look leaves its odds below e to this is none. Chosen on simulated pushes; on others, 95 of 100
+looks at pushes without a displacement end here, and 2 of 1 200 at pushes whose displacement would be found."""
+
 STEP = 1e-4
 """Step of a numerical slope along a displacement [m]."""
 
@@ -230,6 +234,8 @@ class _Run(NamedTuple):
             if np.abs(d).max() > 2 * REACH_OFF:  # anything explains the motions, or nothing does
                 return Mistake(reason, -math.inf)
             reason = off.reason(d)
+            if gain + math.log(GEOMETRY) < HOPELESS:
+                break
         return Mistake(reason, gain + math.log(GEOMETRY), math.hypot(*d))
 
 
