@@ -51,6 +51,7 @@ from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import parse_status
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import PusherError
+from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.records import to_json
 from pushfric_core.vision.calibration import read_table_points
@@ -239,7 +240,7 @@ def _converse(data: bytes, _: pathlib.Path) -> None:
     ours, theirs = pty.openpty()
     try:
         tty.setraw(theirs)
-        driver = Grbl(SerialSettings(os.ttyname(theirs)), only_look=True)
+        driver = SerialPusher(SerialSettings(os.ttyname(theirs)), Grbl(), only_look=True)
         driver.connect()
         try:
             for begin in range(0, min(len(data), LONGEST_CONVERSATION), 40):

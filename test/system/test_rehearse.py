@@ -15,6 +15,7 @@ from marlin_firmware import SimulatedMarlin
 from pushfric_core.commands.application import STDOUT
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.pusher import drive
+from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands import rehearse
@@ -197,7 +198,7 @@ def test_a_pusher_that_does_not_stand_at_zero_is_left_there(call):
     """A cell of the rehearsal would bring it back to 0, behind where the user said that it may move."""
     with (
         SimulatedGrbl(time.monotonic, restarts=False) as controller,
-        contextlib.closing(Grbl(SerialSettings(controller.port, silence=PATIENT))) as driver,
+        contextlib.closing(SerialPusher(SerialSettings(controller.port, silence=PATIENT), Grbl())) as driver,
     ):
         driver.connect()
         drive(driver)

@@ -29,6 +29,7 @@ from pushfric_core.pushers.pusher import (
     Timeout,
     TooFast,
 )
+from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.pushers.stroke import Plausibility, Stroke, unevenness
 from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
@@ -41,7 +42,7 @@ FAR = 0.09
 class Stage(LineStage):
     """A GRBL controller on a line that can fail."""
 
-    driver_class = Grbl
+    dialect = Grbl
 
     def listen(self) -> bytearray:
         """All that is sent from now on."""
@@ -49,7 +50,7 @@ class Stage(LineStage):
         self.line.to_controller = lambda data: heard.extend(data) or data
         return heard
 
-    def outlast(self, pusher: Grbl, seconds: float = 2.0) -> list:
+    def outlast(self, pusher: SerialPusher, seconds: float = 2.0) -> list:
         """Poll until the driver is not busy, whatever it raises; if it is disconnected, connect again, for this long [s]."""
         reports = []
         deadline = math.inf
@@ -103,7 +104,7 @@ def stage(request) -> Iterator[Stage]:
         yield Stage(controller, line)
 
 
-def under_way(stage: Stage, distance: float = FAR, silence: float | None = None, **options) -> Grbl:
+def under_way(stage: Stage, distance: float = FAR, silence: float | None = None, **options) -> SerialPusher:
     """A driver in mid-stroke, which allows so much silence from now on."""
     pusher = stage.driver(**options)
     pusher.move_to(distance, SPEED)
@@ -254,8 +255,9 @@ CHILD = """
 import sys, time
 from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.driver import Phase
+from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
-pusher = Grbl(SerialSettings(sys.argv[1], silence=0.8))
+pusher = SerialPusher(SerialSettings(sys.argv[1], silence=0.8), Grbl())
 pusher.connect()
 while pusher.busy:
     pusher.poll()
@@ -326,7 +328,7 @@ def test_a_controller_that_falls_mute_is_held(stage):
     stage.line.to_host = bytes
     stage.drive(pusher, lambda: not pusher.busy)  # it is heard again, and rests where it says
     assert pusher.mode is Mode.IDLE
-    assert pusher._axis.last.position == pytest.approx(stage.controller.position(), abs=1e-6)
+    assert pusher.axis.last.position == pytest.approx(stage.controller.position(), abs=1e-6)
 
 
 @pytest.mark.parametrize("stage", [SimulatedGrbl, Deafened], indirect=True)
@@ -341,7 +343,7 @@ def test_a_controller_found_moving_is_asked_held_and_not_believed(stage, line):
     assert pusher.doubt in ("it moved when it was found", "it read lines only after a reset")
     rest = stage.rest()
     assert rest < 0.03
-    assert pusher._axis.last.position == pytest.approx(rest, abs=1e-6)
+    assert pusher.axis.last.position == pytest.approx(rest, abs=1e-6)
     assert stage.controller._state == "Idle"  # and what was held does not go on
     stage.line.tell_controller(b"~")
     assert stage.rest() == rest
@@ -375,7 +377,7 @@ def test_a_greeting_may_take_its_time(stage):
     stage.drive(pusher, lambda: not pusher.busy, 30.0)
     assert pusher.mode is Mode.IDLE
     assert pusher.doubt is None
-    stage.drive(pusher, lambda: not pusher._line._is_asked)
+    stage.drive(pusher, lambda: not pusher.line._is_asked)
     here = stage.controller.position()
     pusher.move_to(here + 0.002, SPEED)
     stage.drive(pusher, lambda: not pusher.busy)
@@ -393,7 +395,7 @@ def test_a_greeting_may_take_its_time(stage):
 )
 def test_a_hostile_setting_is_one_clear_line(stage, number, value, text):
     stage.controller._settings[number] = value
-    pusher = Grbl(SerialSettings(stage.line.port))
+    pusher = SerialPusher(SerialSettings(stage.line.port), Grbl())
     pusher.connect()
     with pytest.raises(NotConnected, match=text) as caught:
         stage.drive(pusher, lambda: False)
@@ -447,7 +449,7 @@ def test_false_lines_while_it_brakes_are_never_where_it_is(stage, often):
         return data + false * often if data.startswith(b"<") else data
 
     stage.line.to_host = strayed
-    believed = [pusher._axis.last.position]
+    believed = [pusher.axis.last.position]
     while pusher.busy:
         with contextlib.suppress(PusherError):
             if (report := pusher.poll()) is not None and not pusher.doubt:
@@ -508,10 +510,10 @@ def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving)
 def test_the_first_work_offset_is_confirmed_by_its_parts(stage, often):
     wrong = b"WCO:-9.000"
     stage.line.to_host = (lambda data: data.replace(b"WCO:0.000", wrong)) if often else once(b"WCO:0.000", wrong)
-    pusher = Grbl(SerialSettings(stage.line.port, silence=2.0))
+    pusher = SerialPusher(SerialSettings(stage.line.port, silence=2.0), Grbl())
     pusher.connect()
     stage.drive(pusher, lambda: not pusher.busy)
-    assert pusher._axis.last.position == 0.0
+    assert pusher.axis.last.position == 0.0
     if often:  # nothing moves while the two contradict each other
         pusher.move_to(FAR, SPEED)
         stage.fails(pusher, Jumped, r"the work offset of .* is \(-?9\.000, 0\.000, 0\.000\) mm now, it was \(0\.000, 0\.000")
@@ -532,7 +534,7 @@ def test_a_shift_that_a_reset_ends_is_a_doubt(stage, parts):
     name = parts[:4]
     stage.line.to_host = lambda data: data.replace(name + b":0.000,0.000,0.000]", parts).replace(b"WCO:0.000", b"WCO:4.000")
     pusher = stage.driver()
-    assert pusher._axis.last.position == -0.004
+    assert pusher.axis.last.position == -0.004
     stage.line.heal()
     pusher.stop()
     stage.drive(pusher, lambda: not pusher.busy)
@@ -566,7 +568,7 @@ def test_a_controller_that_answers_too_late_gets_no_stroke(stage):
     stage.line.delay_to_host = 0.7
     for _ in range(9):
         pusher.ask(0)
-        stage.drive(pusher, lambda: not pusher._line._is_asked)
+        stage.drive(pusher, lambda: not pusher.line._is_asked)
     with pytest.raises(NotReady, match=r"answers after \d\.\d\d s; silence is 0\.5 s"):
         pusher.move_to(0.03, SPEED)
 
@@ -628,8 +630,8 @@ def test_random_damage_of_the_line_leads_no_pusher_astray(stage, seed):
     plausible = 2.5e-3
     assert all(min(places) - plausible <= report.position <= max(places) + plausible for report in reports)
     if pusher.doubt is None and pusher.mode is not Mode.ALARM:
-        stage.drive(pusher, lambda: not pusher._line._is_asked)
-        assert pusher._axis.last.position == pytest.approx(rest, abs=1e-6)
+        stage.drive(pusher, lambda: not pusher.line._is_asked)
+        assert pusher.axis.last.position == pytest.approx(rest, abs=1e-6)
 
 
 @pytest.mark.parametrize(("old", "new"), [(b"$13=0", b"$13=1"), (b"$13=0\r\n", b""), (b"$110=6", b"$110=9")])
@@ -638,14 +640,14 @@ def test_a_setting_that_was_damaged_on_its_way_is_asked_for_again(stage, old, ne
     stage.line.to_host = once(old, new)
     pusher = stage.driver()
     stage.line.to_host = bytes
-    assert pusher._settings[13] == "0"
+    assert pusher.settings["$13"] == "0"
     assert pusher.limits.max_speed == pytest.approx(0.1)
 
 
 def test_settings_that_never_come_twice_alike_are_none(stage):
     numbers = iter(range(10, 1000))
     stage.line.to_host = lambda data: data.replace(b"$110=6", b"$110=%d" % next(numbers))
-    pusher = Grbl(SerialSettings(stage.line.port))
+    pusher = SerialPusher(SerialSettings(stage.line.port), Grbl())
     pusher.connect()
     with pytest.raises(NotConnected, match=r"its settings \(\$\$\) came 6 times, each time different"):
         stage.drive(pusher, lambda: False)
@@ -661,7 +663,7 @@ def test_a_position_that_was_damaged_while_connecting_is_not_believed(stage):
 
         stage.line.to_host = wrong
         pusher = stage.driver()
-        assert pusher._axis.last.position == 0.0
+        assert pusher.axis.last.position == 0.0
         pusher.close()
 
 
@@ -722,6 +724,6 @@ def test_the_line_dtr_stays_as_it_is_when_the_host_dies(stage):
     import termios
 
     pusher = stage.driver()
-    assert not termios.tcgetattr(pusher._line._port.fd)[2] & termios.HUPCL
+    assert not termios.tcgetattr(pusher.line._port.fd)[2] & termios.HUPCL
     pusher.close()
     assert os.path.exists(stage.line.port)

@@ -409,7 +409,7 @@ def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, le
     ],
 )
 def test_the_cell_must_stay_within_what_the_controller_is_set_to(limits, axis, level, words):
-    check = serial_checks.check_limits(GrblConfig("none", axis=axis), Grbl, pusher(), 0.05, 0.02, limits)
+    check = serial_checks.check_limits(GrblConfig("none", axis=axis), Grbl(), pusher(), 0.05, 0.02, limits)
     assert check.level is level
     assert words in check.finding + check.advice
 

@@ -239,7 +239,7 @@ def test_a_push_and_its_retraction(ros, controller, tmp_path):
 def test_a_push_in_simulated_time(ros, tmp_path):
     """The clock moves in steps and faster than real time; every state says where the pusher was at its stamp."""
     truth: dict[int, float] = {}
-    clock = SimTime(ros, 250, lambda: not cell.node._pusher._line._is_asked)  # a busy machine may be slower than the clock
+    clock = SimTime(ros, 250, lambda: not cell.node._pusher.line._is_asked)  # a busy machine may be slower than the clock
     with SimulatedGrbl(lambda: clock.now) as controller:
         clock.stepped = lambda stamp: truth.update({stamp: controller.position()})
         cell = Cell(ros, controller.port, use_sim_time=True, real_time_factor=5.0)

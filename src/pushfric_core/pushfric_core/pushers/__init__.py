@@ -1,1 +1,1 @@
-"""Pushers, which move the tip: their common driver, the serial line, GRBL, tables of states, memory of the last position."""
+"""Pushers, which move the tip: their common driver, serial line, dialects, tables of states, memory of the last position."""

@@ -1,8 +1,9 @@
 """The reports of a controller: where one axis is, as far as they can be true, and whether the others are still."""
 
 import math
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from pushfric_core.pushers.pusher import Jumped, LeftTheWay, Mode, PusherError, PusherReport
 from pushfric_core.pushers.serial_settings import AXES
@@ -11,6 +12,8 @@ from pushfric_core.pushers.stroke import Plausibility, Stroke
 STILL = 0.05  # another axis that is reported farther from its place than this has moved [mm]
 IMPOSSIBLE_FEED = 1.5  # times the controller's greatest speed
 UNKNOWN_SPEED = 1.0  # greatest speed of a controller that does not say [m/s]
+OFFSET_ROUNDING = 2e-3  # a sum of rounded numbers [mm]
+MEASURED_OVER = 0.3  # a speed that no report says is measured over this time [s]
 MM = 1e-3  # [m]
 MM_PER_MINUTE = MM / 60  # [m/s]
 
@@ -29,14 +32,9 @@ class StatusReport:
     machine_position: tuple[float, ...] | None = None  # MPos
     work_position: tuple[float, ...] | None = None  # WPos
     work_offset: tuple[float, ...] | None = None  # WCO = MPos - WPos
-    buffer: tuple[int, ...] | None = None  # Bf: free blocks of the planner, free bytes of the receiver
-    line: int | None = None  # Ln
     feed: float | None = None  # F, FS
-    spindle: float | None = None  # FS [1/min]
     pins: str = ""  # Pn: active inputs, X Y Z for limit switches
-    overrides: tuple[int, ...] | None = None  # Ov: feed, rapids, spindle [%]
-    accessories: str = ""  # A
-    others: dict[str, str] = field(default_factory=dict)  # fields of other firmware
+    overrides: tuple[float, ...] | None = None  # Ov: feed, rapids, spindle [%]
 
 
 def moves(status: StatusReport) -> bool:
@@ -82,10 +80,13 @@ class AxisReports:
         """Where the other axes must stay, in the unit of reports."""
         self.offset: tuple[float, ...] | None = None
         """The work offset, in the unit of reports."""
+        self.claimed: tuple[float, ...] | None = None
+        """The last one that was reported; it is not confirmed yet."""
         self.unit = 1.0
         """Unit of positions in reports [mm]; settings and commands are always in mm."""
         self._strayed = False  # whether the last report said that one of the others had moved
         self._feed = math.inf  # in the last report [m/s]
+        self._track: deque[tuple[float, float, float]] = deque()  # when asked, when heard [s], position [m]
 
     def believe_next(self) -> None:
         """The next report counts wherever it says that the axis is."""
@@ -123,6 +124,32 @@ class AxisReports:
             return None
         # rounded to the nanometre, far below a report's last digit, so that nothing is shown as -0.000
         return round(self.sign * (position[self.index] * self.unit - self.zero) * MM, 9) + 0.0
+
+    def coordinate_of(self, position: float) -> float:
+        """The work coordinate of a stroke position [m], rounded as in commands [mm]."""
+        return round(self.zero + self.sign * position / MM, 3) + 0.0  # 0.0 turns -0.0 into 0.0
+
+    def take_offset(self, offset: tuple[float, ...], path: str) -> None:
+        """Take the work offset in a report of the controller at `path`.
+
+        It displaces all positions, so a new one must come twice to mean anything.
+        """
+        again, self.claimed = self.agree(offset, self.claimed), offset
+        if self.offset is None:
+            self.offset = offset if again else None
+        elif again and not self.agree(offset, self.offset):
+            changed = f"{self.shown(offset)} now, it was {self.shown(self.offset)}"
+            self._blame(Jumped(f"the work offset of {path} is {changed}"))
+
+    def agree(self, offset: tuple[float, ...] | None, other: tuple[float, ...] | None) -> bool:
+        """Whether two offsets are there, and the same but for rounding."""
+        if offset is None or other is None or len(offset) != len(other):
+            return False
+        return all(abs(one - another) * self.unit <= OFFSET_ROUNDING for one, another in zip(offset, other, strict=True))
+
+    def shown(self, offset: tuple[float, ...]) -> str:
+        """An offset, for people."""
+        return "(" + ", ".join(f"{value * self.unit:.3f}" for value in offset) + ") mm"
 
     def others_are_still(self, status: StatusReport) -> bool:
         """Whether the other axes are where they were; two reports in a row that they are not are the end of any motion."""
@@ -194,6 +221,23 @@ class AxisReports:
         if stamp is None or self.last.stamp is None or stamp <= self.last.stamp:
             return 0.0
         return moved / ((stamp - self.last.stamp) * 1e-9)
+
+    def proven_speed(self, position: float, asked: float, now: float, moving: bool) -> float:
+        """The least speed that the positions of the last MEASURED_OVER prove, because a report may be late [m/s].
+
+        Args:
+            position: in the report [m].
+            asked: the latest time at which it can have been requested [s].
+            now: when it was read [s].
+            moving: whether it differs from the one before.
+        """
+        if not moving:
+            self._track.clear()
+        while self._track and now - self._track[0][1] > MEASURED_OVER:
+            self._track.popleft()
+        self._track.append((asked, now, position))
+        first, _, before = self._track[0]
+        return (position - before) / (now - first) if moving and now > first else 0.0
 
 
 def _place_of(status: StatusReport) -> tuple[float, ...] | None:

@@ -214,14 +214,15 @@ class Driver(ABC):
         else:
             self._script = self._scripts().get(phase, lambda: (yield from ()))()
 
-    def _suspect(self, why: str) -> None:
+    def suspect(self, why: str) -> None:
         """From now on, the position is in doubt."""
         self._doubt = why
         self._on(DriverEvent.DOUBT)
 
     def _blame(self, error: PusherError) -> None:
-        """An error was heard of: the next poll() raises it, unless an earlier one is due."""
-        self._trouble = self._trouble or error
+        """An error was heard of: the next poll() raises it, unless an earlier one is due; a lost connection comes first."""
+        if self._trouble is None or isinstance(error, NotConnected):
+            self._trouble = error
 
     @property
     def _connected(self) -> bool:
@@ -311,7 +312,7 @@ class Driver(ABC):
                 raise
             except PusherError as error:
                 if isinstance(error, Halted | Jumped | LeftTheWay | TooFast | Suspended):
-                    self._suspect(str(error))
+                    self.suspect(str(error))
                 if self._connected and STOPPING.isdisjoint(self._state):
                     self.stop()
                     raise
@@ -331,7 +332,7 @@ class Driver(ABC):
         """Raise what was heard means for the connection; during a reset, alarms and silence are expected."""
         trouble, self._trouble = self._trouble, None
         if isinstance(trouble, Halted if Phase.BRAKING in self._state else Held) and self._state & STOPPING:  # it stops anyway
-            self._suspect(str(trouble))
+            self.suspect(str(trouble))
             trouble = None
         if not self._connected or self._state & {Phase.RESETTING, Phase.RECOVERING}:
             return

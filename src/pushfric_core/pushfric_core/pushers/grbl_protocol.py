@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from enum import Enum
 
 from pushfric_core.pushers.axis_reports import StatusReport
-from pushfric_core.pushers.pusher import Halted
-from pushfric_core.pushers.serial_line import Refused
+from pushfric_core.pushers.dialect import Alarmed, Answer, Event, Garbled, Greeting, HeldBy, Told, Version
 
 ERRORS = {
     1: "Expected command letter", 2: "Bad number format", 3: "Invalid statement", 4: "Value < 0", 5: "Setting disabled",
@@ -24,24 +23,6 @@ ALARMS = {
 
 NOT_IDLE = 8
 """The error of a jog that came when another line was running."""
-
-
-class CommandRefused(Refused):
-    """The controller answered a line with error:n."""
-
-    def __init__(self, line: str, code: int) -> None:
-        super().__init__(f'"{line}" refused: error:{code} {ERRORS.get(code, "(not of GRBL 1.1)")}')
-        self.code = code
-        self.passing = code == NOT_IDLE
-
-
-class Alarm(Halted):
-    """The controller stopped with ALARM:n and refuses to move; the code is None if it is not known."""
-
-    def __init__(self, code: int | None) -> None:
-        super().__init__("ALARM" if code is None else f"ALARM:{code} {ALARMS.get(code, '(not of GRBL 1.1)')}")
-        self.code = code
-
 
 STATUS = re.compile(r"<([A-Za-z]+)(?::(\d{1,4}))?((?:\|[^<>|]+)*)>")
 GREETING = re.compile(r"grbl(?:hal)? (\d{1,4}\.\S{1,40}) \[.*\]", re.IGNORECASE)
@@ -70,6 +51,42 @@ class RealTime(Enum):
     FULL_FEED = b"\x90"  # feed override 100 %
 
 
+ECHOED = b"".join(command.value for command in RealTime)
+"""The characters that a terminal in between may echo, even in the middle of a line."""
+
+
+def decode(raw: bytes) -> Event | None:
+    """The meaning of a line; startup lines, echoes, feedback and noise have none."""
+    line = raw.translate(None, ECHOED).decode("ascii", errors="replace").strip()
+    event: Event | None = None
+    if (greeting := GREETING.search(line)) is not None:  # a restart may cut off another line
+        event = Greeting(f"Grbl {greeting[1]}")
+    elif (status := parse_status(line)) is not None:
+        event = status
+    elif line.startswith("<"):
+        event = Garbled()
+    elif line == "ok":
+        event = Answer()
+    elif (error := ERROR.fullmatch(line)) is not None:
+        code = int(error[1])
+        event = Answer(f"refused: error:{code} {ERRORS.get(code, '(not of GRBL 1.1)')}", code == NOT_IDLE)
+    elif (alarm := ALARM.fullmatch(line)) is not None:
+        event = Alarmed(int(alarm[1]))
+    elif (held := HOLDS.match(line)) is not None:
+        event = HeldBy(f'it says "{held[1]}"')
+    elif (build := BUILD.match(line)) is not None:
+        event = Version(f"Grbl {build[1]}")
+    elif (setting := SETTING.match(line)) is not None:
+        event = Told("$$", {f"${int(setting[1])}": setting[2]})
+    elif (own := AXIS_SOFT_LIMITS.fullmatch(line)) is not None:
+        event = Told(line.partition("=")[0], {"$20": str(int(own[1] == "true"))})
+    elif (parameter := PARAMETER.fullmatch(line)) is not None:
+        event = Told("$#", {parameter[1]: parameter[2]})
+    elif (modes := MODES.fullmatch(line)) is not None:
+        event = Told("$G", {"$G": modes[1]})
+    return event
+
+
 def parse_status(line: str) -> StatusReport | None:
     """The status report in a line; None if the line holds no report, or a damaged one."""
     match = STATUS.search(line)
@@ -81,48 +98,39 @@ def parse_status(line: str) -> StatusReport | None:
     fields = dict(text.partition(":")[::2] for text in rest.split("|")[1:])
 
     def numbers(key: str) -> tuple[float, ...] | None:
-        text = fields.pop(key, None)
+        text = fields.get(key)
         return None if text is None else tuple(_number(number) for number in text.split(","))
 
-    def integers(key: str) -> tuple[int, ...] | None:
-        found = numbers(key)
-        return None if found is None else tuple(int(number) for number in found)
-
     try:
-        feed, spindle = (*(numbers("FS") or numbers("F") or (None,)), None)[:2]
+        for unread in ("Bf", "Ln"):  # damaged there, it may be damaged elsewhere
+            numbers(unread)
         return StatusReport(
             state=state,
             substate=None if substate is None else int(substate),
             machine_position=numbers("MPos"),
             work_position=numbers("WPos"),
             work_offset=numbers("WCO"),
-            buffer=integers("Bf"),
-            line=(integers("Ln") or (None,))[0],
-            feed=feed,
-            spindle=spindle,
-            pins=fields.pop("Pn", ""),
-            overrides=integers("Ov"),
-            accessories=fields.pop("A", ""),
-            others=fields,
+            feed=(numbers("FS") or numbers("F") or (None,))[0],
+            pins=fields.get("Pn", ""),
+            overrides=numbers("Ov"),
         )
     except ValueError:
         return None  # bytes were lost inside a number; the next report is a twentieth of a second away
 
 
-def work_offset_of(parameters: Mapping[str, str], modes: str) -> tuple[float, ...] | None:
+def work_offset_of(told: Mapping[str, str]) -> tuple[float, ...] | None:
     """The work offset as the sum of its parts; None if they are not all there.
 
     Args:
-        parameters: what the controller answers to `$#`, by name.
-        modes: what it answers to `$G`.
+        told: what the controller answers to `$#`, by name, and what it answers to `$G`.
     Returns:
         The offset of each axis, in the unit of reports.
     """
-    systems = [word for word in modes.split() if re.fullmatch(r"G5[4-9](\.\d)?", word)]
-    if len(systems) != 1 or not {*systems, "G92", "TLO"} <= parameters.keys():
+    systems = [word for word in told.get("$G", "").split() if re.fullmatch(r"G5[4-9](\.\d)?", word)]
+    if len(systems) != 1 or not {*systems, "G92", "TLO"} <= told.keys():
         return None
     try:
-        system, shift, tool = ([_number(text) for text in parameters[name].split(",")] for name in (*systems, "G92", "TLO"))
+        system, shift, tool = ([_number(text) for text in told[name].split(",")] for name in (*systems, "G92", "TLO"))
     except ValueError:
         return None
     if len(tool) == 1:

@@ -4,13 +4,11 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
+from pushfric_core.pushers.dialect import Dialect
 from pushfric_core.pushers.pusher import Check, Pusher, PusherConfig
 from pushfric_core.pushers.serial_settings import SerialSettings
-
-if TYPE_CHECKING:
-    from pushfric_core.pushers.serial_pusher import SerialPusher
 
 
 class SerialConfig(SerialSettings, ABC):
@@ -19,12 +17,14 @@ class SerialConfig(SerialSettings, ABC):
     firmware: ClassVar[str]
 
     @abstractmethod
-    def driver_class(self) -> "type[SerialPusher]":
-        """The driver that speaks the firmware's protocol."""
+    def dialect(self) -> Dialect:
+        """The firmware's protocol."""
 
     def open_pusher(self, config: PusherConfig) -> Pusher:
         """The driver; nothing is opened yet."""
-        return self.driver_class()(self, config.home)
+        from pushfric_core.pushers.serial_pusher import SerialPusher
+
+        return SerialPusher(self, self.dialect(), config.home)
 
     def absence(self) -> str | None:
         """Why there can be no controller; None if there may be one."""
@@ -35,7 +35,7 @@ class SerialConfig(SerialSettings, ABC):
         """Port, controller and its limits, for the doctor; see PusherDriver."""
         from pushfric_core.pushers.serial_checks import examine
 
-        return examine(self, self.driver_class(), config, distance, speed)
+        return examine(self, self.dialect(), config, distance, speed)
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,8 @@ class GrblConfig(SerialConfig):
 
     firmware = "GRBL"
 
-    def driver_class(self) -> "type[SerialPusher]":
+    def dialect(self) -> Dialect:
         """See SerialConfig."""
         from pushfric_core.pushers.grbl import Grbl
 
-        return Grbl
+        return Grbl()

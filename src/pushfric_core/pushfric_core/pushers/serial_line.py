@@ -1,4 +1,4 @@
-"""The serial line to a controller: lines that it answers one by one, and questions in between, which it answers by reports.
+"""The serial line to a controller: lines that it answers one by one, questions, which it answers by reports, and resets.
 
 The port never blocks: it is opened for one program alone, and written to within a time limit.
 """
@@ -22,22 +22,25 @@ from pushfric_core.pushers.pusher import NotConnected, PusherError
 WRITE_TIMEOUT = 0.5  # [s]
 LONGEST_LINE = 4096  # [bytes]
 LATENCIES = 9  # of the last answers to questions
+MOST_QUESTIONS = 2  # that wait, where all is answered in order: such a controller reads a stop only if it has room for it
+QUESTION = "a question"
 WIPED = "wiped out by a reset"
 
 
 class Refused(PusherError):
-    """The controller did not accept a line."""
+    """The controller did not accept a line; `passing`: it may accept the same one a little later."""
 
-    passing = False
-    """Whether the same line may be accepted a little later."""
+    def __init__(self, text: str, passing: bool) -> None:
+        super().__init__(text)
+        self.passing = passing
 
 
 class SerialLine:
     """The port, the line that waits for its answer, and the question that does."""
 
-    def __init__(self, path: str, baud: int) -> None:
-        """Nothing is opened yet."""
-        self.path, self._baud = path, baud
+    def __init__(self, path: str, baud: int, in_order: bool) -> None:
+        """Nothing is opened yet; `in_order`: all that is sent is answered in its order."""
+        self.path, self._baud, self._in_order = path, baud, in_order
         self._port: serial.Serial | None = None
         self.forget()
 
@@ -54,6 +57,15 @@ class SerialLine:
         """When the question behind the newest report was sent [s]."""
         self.latencies: deque[float] = deque(maxlen=LATENCIES)
         """Between questions and reports [s]."""
+        self.number = 0
+        """The last line's."""
+        self.greetings = 0
+        """Number of greetings that came."""
+        self.owed = 0
+        """Greetings that are due, for resets that were sent."""
+        self.unasked = 0
+        """Number of answers to no line that is known, as to one from before a reset."""
+        self._unanswered: deque[tuple[str, float]] = deque()  # what was sent and when [s], where all is answered in order
         self.discard()
 
     def discard(self) -> None:
@@ -107,18 +119,49 @@ class SerialLine:
     def send(self, line: str, data: bytes) -> None:
         """Send a line as these bytes; its answer is awaited. Raises NotConnected."""
         self.pending, self.answer, self.sent_at = line, None, clock()
+        self.say(data, line)
+
+    def say(self, data: bytes, what: str = "") -> None:
+        """Send something that is answered at some time, or never. Raises NotConnected."""
+        if self._in_order:
+            self._unanswered.append((what, clock()))
         self.write(data)
+
+    def restart(self, data: bytes) -> None:
+        """Send a reset, which a greeting will follow. Raises NotConnected."""
+        self.say(data)
+        self.owed += 1
+
+    def accepted(self) -> None:
+        """A line was accepted."""
+        if not self._in_order or (self._unanswered and self._unanswered.popleft()[0] == self.pending):
+            self.answered("ok")
 
     def answered(self, answer: Refused | str) -> None:
         """The line that is awaited got this answer."""
-        self.pending, self.answer = None, answer
+        if self.pending is None:
+            self.unasked += 1
+        else:
+            self.pending, self.answer = None, answer
+            self.owed = 0  # so every greeting that was due before it has come
+
+    def greeted(self) -> bool:
+        """A greeting came; whether a reset is the reason."""
+        self.greetings += 1
+        if self.pending is not None and not self._in_order:
+            self.pending, self.answer = None, WIPED
+        expected = self.owed > 0
+        self.owed -= expected
+        return expected
 
     def may_ask(self, again: float) -> bool:
         """Whether no question waits for an answer, or one has waited for so long [s]."""
         return not self._is_asked or clock() - self.asked_at >= again
 
-    def asked(self, stamp: int | None) -> None:
-        """A question was sent, with this stamp."""
+    def ask(self, question: bytes, stamp: int | None) -> None:
+        """Send a question with this stamp, if there is room for it. Raises NotConnected."""
+        if sum(what == QUESTION for what, _ in self._unanswered) < MOST_QUESTIONS:
+            self.say(question, QUESTION)
         self.stamp, self._is_asked, self.asked_at = stamp, True, clock()
         self.silent_since = self.silent_since or self.asked_at
 
@@ -129,6 +172,13 @@ class SerialLine:
         A report answers the first open question, or an earlier one.
         """
         return self.reported_of if self.silent_since is None else self.silent_since
+
+    def report_came(self) -> None:
+        """A report answers the first question that is not answered, and so all before it, where all is answered in order."""
+        while self._unanswered and self._unanswered[0][0] != QUESTION:
+            self.accepted()
+        if self._unanswered:
+            self.silent_since = self._unanswered[0][1]
 
     def misheard(self) -> None:
         """The report that came cannot be true: ask again at once."""

@@ -59,6 +59,8 @@ class Stroke:
         piece = max(speed * ahead / PIECES, self._room / MOST_PIECES, PIECE_LASTS * speed * latency)
         self._count = max(1, math.ceil(abs(way) / piece))
         self._way = way
+        self.began: float | None = None
+        """When its first piece was due [s]."""
         self._sent = 0
         self._furthest = 0.0  # along the way
         self._too_fast = 0
@@ -137,6 +139,10 @@ class Stroke:
         self._too_fast = self._too_fast + 1 if abs(speed) > FASTER * self.speed + FASTER_BY else 0
         if self._too_fast >= REPORTS_TOO_FAST:
             raise TooFast(f"the pusher moves at {abs(speed):.4f} m/s, was sent at {self.speed:.4f} m/s")
+
+    def farthest(self, elapsed: float) -> float:
+        """How far from the start a report may say that the pusher is, so long [s] after the beginning [m]."""
+        return Plausibility.MARGIN * self.speed * elapsed + Plausibility.SLACK
 
     def check_time(self, elapsed: float) -> None:
         """Raises Timeout if the stroke takes much longer than it should; `elapsed` [s] counts from its beginning."""

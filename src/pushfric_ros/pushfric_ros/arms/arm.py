@@ -296,7 +296,7 @@ class Arm(Driver):
             yield
         self._asked = True
         if self._moves:
-            self._suspect("the arm moved when it was found")
+            self.suspect("the arm moved when it was found")
 
     def _streaming(self) -> Script:
         """Send a command for each pose, so that an arm which stood still has nothing to catch up."""

@@ -447,7 +447,7 @@ def hostile_settings(stage: GrblStage) -> None:
         if key.decode() not in listed:  # FluidNC keeps some of them elsewhere
             continue
         stage.line.to_host = in_lines(key, value)
-        check, limits = check_controller(driver, Grbl, config)
+        check, limits = check_controller(driver, Grbl(), config)
         if check.level is not Grade.FAILED or limits is not None or "\n" in check.finding or len(check.finding) > 300:
             raise Excess(f"{key.decode()}{value[:10].decode()} was answered with {check.finding[:100]!r}")
     stage.line.to_host = bytes
@@ -468,7 +468,7 @@ def looked_at(stage: GrblStage) -> None:
     move_alone(stage)
     stage.line.to_controller = listen
     config, driver = stage.config()
-    check, _ = check_controller(driver, Grbl, config)
+    check, _ = check_controller(driver, Grbl(), config)
     stage.line.to_controller = bytes
     if set(sent) != {ord("?")}:
         raise Excess(f"the doctor sent {bytes(sent)[:40]!r}")

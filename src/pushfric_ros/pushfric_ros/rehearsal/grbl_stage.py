@@ -17,6 +17,7 @@ from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
 from pushfric_core.pushers.pusher import PusherConfig, drive
 from pushfric_core.pushers.serial_config import GrblConfig
+from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import AXES
 from pushfric_core.settings import plain
 from pushfric_core.simulated.faulty_line import FaultyLine
@@ -121,8 +122,8 @@ class GrblStage(Stage):
         return {line: self.ask(line) for line in ("$$", "$#", "$G")}
 
     @contextlib.contextmanager
-    def driver(self, look: bool = False) -> Iterator[Grbl]:
-        with contextlib.closing(Grbl(replace(self.grbl, port=self.line.port), only_look=look)) as pusher:
+    def driver(self, look: bool = False) -> Iterator[SerialPusher]:
+        with contextlib.closing(SerialPusher(replace(self.grbl, port=self.line.port), Grbl(), only_look=look)) as pusher:
             pusher.connect()
             drive(pusher)
             yield pusher
