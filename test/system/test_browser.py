@@ -22,7 +22,7 @@ from playwright.sync_api import Browser, Page, expect
 from std_msgs.msg import String
 
 from pushfric_core.bags.samples import pose_from_msg
-from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
+from pushfric_core.cell.node_settings import PlanConfig, SimulationConfig, ViewConfig
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.frames import TABLE
 from pushfric_core.geometry.planar import Pose
@@ -357,14 +357,13 @@ def test_a_scan_gives_the_outline(browser, tmp_path):
     np.testing.assert_allclose(size, (0.12, 0.08), atol=1e-3)
 
 
-@pytest.fixture(scope="module")
-def running(browser, tmp_path_factory):
+@contextlib.contextmanager
+def slow_run(folder: pathlib.Path, **changes):
     """The address of a run with a view, and its processes: slow pushes, so that one can be stopped on its way."""
-    folder = tmp_path_factory.mktemp("cell")
     pushes = ("{edge: 0, offset: 0.03}", "{edge: 2, offset: -0.02}")
     (folder / "plan.yaml").write_text(f"pushes: [{', '.join(pushes * (PUSHES // 2))}]")
     plan = PlanConfig(str(folder / "plan.yaml"), distance=STROKE, speed=0.01)
-    cell = dataclasses.replace(demo_cell(OBJECT, folder), plan=plan)
+    cell = dataclasses.replace(demo_cell(OBJECT, folder), plan=plan, **changes)
     specs = graph.simulated_cell(cell, str(folder / "bag"), seed=1, speed=1.0)
     said, served = [], threading.Event()
 
@@ -394,6 +393,30 @@ def running(browser, tmp_path_factory):
         finally:
             over.set()
             thread.join()
+
+
+def test_an_emergency_stop_at_rest_is_the_prompt_at_once_and_the_run_goes_on_after_it(browser, tmp_path):
+    aside = SimulationConfig(placement_error=0.03)  # the cell waits for somebody who lays the object right
+    sizes = ({"width": 1280, "height": 800}, {"width": 360, "height": 740})
+    with slow_run(tmp_path, simulation=aside) as (url, _), contextlib.ExitStack() as visits:
+        pages = [visits.enter_context(visit(browser, url, viewport=size)) for size in sizes]
+        for page in pages:
+            expect(page.locator("#prompt")).to_contain_text(f"Push 1 of {PUSHES}: place the object at")
+            switch, prompt = page.locator("#emergency_stop"), page.locator("#prompt")
+            switch.click()
+            for one in pages:
+                expect(one.locator("#prompt")).to_contain_text("The emergency stop is pressed: release it")
+                expect(one.locator("#reset")).to_be_enabled()
+            switch.click()
+            expect(prompt).to_contain_text("press Reset")
+            page.locator("#reset").click()
+            expect(prompt).to_contain_text(f"Push 1 of {PUSHES}: place the object at")
+
+
+@pytest.fixture(scope="module")
+def running(browser, tmp_path_factory):
+    with slow_run(tmp_path_factory.mktemp("cell")) as run:
+        yield run
 
 
 @pytest.fixture(scope="module")

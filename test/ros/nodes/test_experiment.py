@@ -286,6 +286,21 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
 
 
+def test_an_emergency_stop_at_rest_is_told_at_once_and_the_run_goes_on_after_it(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, start=3)
+    table.obedient = False
+    table.wait_for_message("push 3 of 3: place the object at")
+    controller.hold_in_reset(True)
+    assert table.wait_for_message(ALARM).phase == PlanProgress.PHASE_ALARM
+    table.call("actuator/reset")
+    ros.wait_for(lambda: "release it, then reset" in str(table.actuator._problem), 60.0, "the refusal of the reset")
+    controller.hold_in_reset(False)
+    ros.wait_for(lambda: table.call("actuator/reset"), 60.0, "the reset")
+    table.wait_for_message("push 3 of 3: place the object at")
+    table.object = table.wanted[-1]
+    assert table.wait_for_end().completed == 1
+
+
 def test_few_frames_show_that_the_object_lies_still(ros, controller, tmp_path):
     """No two of them are as far apart as `still` and within it."""
     table = Table(ros, tmp_path, period=0.7 * STILL)

@@ -189,6 +189,7 @@ function drawNow() {
   let prompt = story.reading?.[0] || plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
+  if (switches().emergency_stop?.endsWith("is pressed")) prompt = "The emergency stop is pressed: release it below the camera's image, then press Reset";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
   const way = wayToPlace(story);
   at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
@@ -342,6 +343,9 @@ async function keepPictures() {
   keeping = false;
 }
 
+// What the simulated cell says of each; nothing if there is none
+const switches = () => (connection === "live" && story["node/simulated_cell"]?.values) || {};
+
 function drawCamera(moment, compared) {
   const over = connection === "over" || connection === "ended" || (story.plan?.phase === "finished" && run.isGone("node/tracker"));
   const now = !moment && !over, tracker = now ? story["node/tracker"] : undefined;
@@ -361,7 +365,7 @@ function drawCamera(moment, compared) {
   if (then) said += `${said && "; "}right: the moment compared with`;
   write("seen", said);
   at("seen").classList.toggle("problem", Boolean(unseen));
-  const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
+  const turned = switches();
   for (const id of ["switches", "hand"]) {
     at(id).hidden &&= !turned.lamp; // once it is there it keeps its place: nothing below moves when the run ends
     at(id).style.visibility = turned.lamp ? "" : "hidden";

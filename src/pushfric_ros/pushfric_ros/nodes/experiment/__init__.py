@@ -193,20 +193,20 @@ class ExperimentNode(Node):
         where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {turned} degrees"
 
         def misplaced() -> str | None:
-            if operator.choice is not None:
+            if operator.choice is not None or self._pusher.hindrance() is not None:
                 return None
             fault = self._object.misplaced(wanted, self._others.no_pose)
             progress.in_place = fault in (None, LET_LIE)
             return fault
 
-        while misplaced() is not None or self._others.unwell() is not None:
+        while misplaced() is not None or self._others.unwell() is not None or self._pusher.hindrance() is not None:
+            await operator.until_well(self._pusher.hindrance, "waiting for the pusher")
             await operator.until_well(misplaced, f"{push}: place the object at {where}", PlanProgress.PHASE_PLACING)
             # a node that reports OK receives the topics it needs, so it misses nothing of a push
             await operator.until_well(self._others.unwell, "waiting for")
         if operator.choice is not None:
             return operator.choice.value
         progress.in_place = True
-        await operator.until_well(self._pusher.hindrance, "waiting for the pusher")
         await operator.until_well(self._others.foreign_clock, "no push can be measured")
         await operator.until_well(self._others.namesake, "the messages may come from another cell")
         operator.report(PlanProgress.PHASE_PUSHING, f"{push}: the pusher moves, leave the object alone")
