@@ -234,6 +234,45 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
         expect(page.locator('#rows tr[data-push="0"]').get_by_role("button")).to_have_text("Exclude")
 
 
+def test_whoever_looks_through_moments_does_not_wait_for_news(browser, ros):
+    """What is drawn of the whole run stays as it is meanwhile; of a long one, it takes longer than a frame."""
+    cell = ros.node("estimator", namespace="/looked_through")
+    observations = cell.create_publisher(Observation, "observation", RELIABLE)
+    view = ros.compose(ViewNode(namespace="/looked_through", parameter_overrides=overrides({"object": OBJECT})))
+    ros.wait_for(observations.get_subscription_count, PATIENCE, "the view's subscription")
+
+    def observe(push: int) -> None:
+        observation = Observation(push_id=push, contact_normal=Vector3(y=-1.0))
+        observation.twist.linear.y, observation.header.stamp.sec = 0.02, push + 1
+        observations.publish(observation)
+
+    for push in range(3):
+        observe(push)
+    with visit(browser, view.url) as page:
+        slider, frames = page.locator("#moment"), []
+        expect(slider).to_have_js_property("max", "3")
+        page.on("websocket", lambda socket: socket.on("framereceived", lambda frame: frames.append(frame)))
+        page.reload()
+        expect(slider).to_have_js_property("max", "3")
+        page.evaluate("""() => {
+          const slider = document.getElementById("moment");
+          window.looks = true;
+          window.before = document.getElementById("line").firstElementChild;
+          const look = () => {
+            slider.value = Number(slider.value) === 1 ? 2 : 1;
+            slider.dispatchEvent(new Event("input"));
+            if (window.looks) requestAnimationFrame(look);
+          };
+          look();
+        }""")
+        observe(3)
+        ros.wait_for(lambda: page.evaluate("0") or any("moment/3" in str(frame) for frame in frames), PATIENCE, "the news")
+        page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        assert page.evaluate("window.before === document.getElementById('line').firstElementChild")
+        page.evaluate("window.looks = false")
+        expect(slider).to_have_js_property("max", "4")
+
+
 @pytest.fixture
 def table(tmp_path) -> Camera:
     """A tilted camera over an empty table; its picture is in a folder."""
