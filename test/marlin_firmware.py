@@ -69,10 +69,10 @@ class SimulatedMarlin(SerialController):
             self._zero = self._carriage
             self._restart()
 
-    def hold_in_reset(self) -> None:
+    def hold_in_reset(self, held: bool) -> None:
         with self._lock:
             self._advance()
-            if self._motion is not None:
+            if held and self._motion is not None:
                 self._boot()
 
     def kill(self, why: str) -> None:

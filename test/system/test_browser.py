@@ -22,7 +22,7 @@ from playwright.sync_api import Browser, Page, expect
 from std_msgs.msg import String
 
 from pushfric_core.bags.samples import pose_from_msg
-from pushfric_core.cell.node_settings import PlanConfig, ViewConfig
+from pushfric_core.cell.node_settings import PlanConfig, SimulationConfig, ViewConfig
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import TABLE, Pose
 from pushfric_core.vision.camera import Camera, Lens, save_camera
@@ -233,6 +233,45 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
         expect(page.locator('#rows tr[data-push="0"]').get_by_role("button")).to_have_text("Exclude")
 
 
+def test_whoever_looks_through_moments_does_not_wait_for_news(browser, ros):
+    """What is drawn of the whole run stays as it is meanwhile; of a long one, it takes longer than a frame."""
+    cell = ros.node("estimator", namespace="/looked_through")
+    observations = cell.create_publisher(Observation, "observation", RELIABLE)
+    view = ros.compose(ViewNode(namespace="/looked_through", parameter_overrides=overrides({"object": OBJECT})))
+    ros.wait_for(observations.get_subscription_count, PATIENCE, "the view's subscription")
+
+    def observe(push: int) -> None:
+        observation = Observation(push_id=push, contact_normal=Vector3(y=-1.0))
+        observation.twist.linear.y, observation.header.stamp.sec = 0.02, push + 1
+        observations.publish(observation)
+
+    for push in range(3):
+        observe(push)
+    with visit(browser, view.url) as page:
+        slider, frames = page.locator("#moment"), []
+        expect(slider).to_have_js_property("max", "3")
+        page.on("websocket", lambda socket: socket.on("framereceived", lambda frame: frames.append(frame)))
+        page.reload()
+        expect(slider).to_have_js_property("max", "3")
+        page.evaluate("""() => {
+          const slider = document.getElementById("moment");
+          window.looks = true;
+          window.before = document.getElementById("line").firstElementChild;
+          const look = () => {
+            slider.value = Number(slider.value) === 1 ? 2 : 1;
+            slider.dispatchEvent(new Event("input"));
+            if (window.looks) requestAnimationFrame(look);
+          };
+          look();
+        }""")
+        observe(3)
+        ros.wait_for(lambda: page.evaluate("0") or any("moment/3" in str(frame) for frame in frames), PATIENCE, "the news")
+        page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        assert page.evaluate("window.before === document.getElementById('line').firstElementChild")
+        page.evaluate("window.looks = false")
+        expect(slider).to_have_js_property("max", "4")
+
+
 @pytest.fixture
 def table(tmp_path) -> Camera:
     """A tilted camera over an empty table; its picture is in a folder."""
@@ -356,14 +395,13 @@ def test_a_scan_gives_the_outline(browser, tmp_path):
     np.testing.assert_allclose(size, (0.12, 0.08), atol=1e-3)
 
 
-@pytest.fixture(scope="module")
-def running(browser, tmp_path_factory):
+@contextlib.contextmanager
+def slow_run(folder: pathlib.Path, **changes):
     """The address of a run with a view, and its processes: slow pushes, so that one can be stopped on its way."""
-    folder = tmp_path_factory.mktemp("cell")
     pushes = ("{edge: 0, offset: 0.03}", "{edge: 2, offset: -0.02}")
     (folder / "plan.yaml").write_text(f"pushes: [{', '.join(pushes * (PUSHES // 2))}]")
     plan = PlanConfig(str(folder / "plan.yaml"), distance=STROKE, speed=0.01)
-    cell = dataclasses.replace(demo_cell(OBJECT, folder), plan=plan)
+    cell = dataclasses.replace(demo_cell(OBJECT, folder), plan=plan, **changes)
     specs = graph.simulated_cell(cell, str(folder / "bag"), seed=1, speed=1.0)
     said, served = [], threading.Event()
 
@@ -393,6 +431,30 @@ def running(browser, tmp_path_factory):
         finally:
             over.set()
             thread.join()
+
+
+def test_an_emergency_stop_at_rest_is_the_prompt_at_once_and_the_run_goes_on_after_it(browser, tmp_path):
+    aside = SimulationConfig(placement_error=0.03)  # the cell waits for somebody who lays the object right
+    sizes = ({"width": 1280, "height": 800}, {"width": 360, "height": 740})
+    with slow_run(tmp_path, simulation=aside) as (url, _), contextlib.ExitStack() as visits:
+        pages = [visits.enter_context(visit(browser, url, viewport=size)) for size in sizes]
+        for page in pages:
+            expect(page.locator("#prompt")).to_contain_text(f"Push 1 of {PUSHES}: place the object at")
+            switch, prompt = page.locator("#emergency_stop"), page.locator("#prompt")
+            switch.click()
+            for one in pages:
+                expect(one.locator("#prompt")).to_contain_text("The emergency stop is pressed: release it")
+                expect(one.locator("#reset")).to_be_enabled()
+            switch.click()
+            expect(prompt).to_contain_text("press Reset")
+            page.locator("#reset").click()
+            expect(prompt).to_contain_text(f"Push 1 of {PUSHES}: place the object at")
+
+
+@pytest.fixture(scope="module")
+def running(browser, tmp_path_factory):
+    with slow_run(tmp_path_factory.mktemp("cell")) as run:
+        yield run
 
 
 @pytest.fixture(scope="module")

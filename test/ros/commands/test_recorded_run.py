@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rich.console import Console
 
 from pushfric_core.bags.bag import Bag
-from pushfric_msgs.msg import FrictionEstimate, PlanProgress
+from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
 from pushfric_ros.commands import watch
 from pushfric_ros.commands.recorded_run import failures, result_of, write_result
 from pushfric_ros.graph.supervisor import Ended
@@ -75,6 +75,27 @@ def test_an_estimator_that_goes_on_is_awaited_after_the_end(monkeypatch):
         begin = wall[0]
         monitor.watch(over, lambda: False)  # nothing new comes
         assert wall[0] - begin < 3 * watch.PROGRESS_TIMEOUT
+
+
+def test_a_last_estimate_that_is_late_is_awaited_though_its_stamp_is_that_of_the_one_before():
+    """A push was left out when half of it was seen; at rest it is taken back, and the word of that may come first."""
+    with contextlib.closing(watch.Monitor(Console(quiet=True), "/late", "pushing", None, live=False)) as monitor:
+        before, after = (
+            FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=count, pushes=pushes)
+            for count, pushes in ((79, 7), (91, 8))
+        )
+        for msg in (before, after):
+            msg.contact_friction.histogram, msg.spread.data_points = [msg.data_points], msg.data_points
+        monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_FINISHED, count=8, completed=8))
+        monitor._on_estimate(before)
+        monitor._visit.node._on_estimator_progress(EstimatorProgress(data_points=91, judged=True))
+        assert not monitor.settled()
+        monitor._on_estimate(after)
+        assert monitor.settled()
+        monitor._visit.node._on_estimator_progress(EstimatorProgress(judged=True))
+        monitor._on_estimate(FrictionEstimate(status=FrictionEstimate.STATUS_NO_DATA))  # all pushes were left out
+        assert monitor.estimate is None
+        assert monitor.settled()
 
 
 def test_a_prompt_goes_with_the_node_that_gave_it(monkeypatch):

@@ -28,9 +28,10 @@ from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.nodes import experiment
 from pushfric_ros.nodes.actuator import ActuatorNode
-from pushfric_ros.nodes.experiment import ExperimentNode, reports
+from pushfric_ros.nodes.experiment import ExperimentNode, others, reports
 from pushfric_ros.nodes.experiment.reports import ReportedPusher, SeenObject
 
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
@@ -64,6 +65,7 @@ class Table:
         self.shown = lambda pose: pose  # what the camera shows of the object
         self._pushed: tuple[int, Pose] | None = None  # the present push, and where the object lay before it
         self.left_out: list[int] = []  # pushes that the estimator was told to exclude
+        self.newest = 0  # stamp of the estimator's newest observation [ns]
         self.well = ["/cell/estimator"]
         self.settled = 0 if parameters.get("choose") else (2**31 - 1) * 10**9  # what the estimator reports [ns]
         self._node = ros.node("table", namespace="/cell")  # spun from now on
@@ -118,7 +120,9 @@ class Table:
 
     def _show(self) -> None:
         status = [DiagnosticStatus(level=DiagnosticStatus.OK, name=name) for name in self.well]
-        self._estimator_out.publish(EstimatorProgress(settled_until=stamp_to_msg(self.settled)))
+        progress = EstimatorProgress(settled_until=stamp_to_msg(self.settled), judged=True)
+        progress.header.stamp = stamp_to_msg(self.newest)
+        self._estimator_out.publish(progress)
         self._health_out.publish(DiagnosticArray(status=status))
         if not self.visible:
             return
@@ -280,6 +284,21 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
     table.wait_for_message("let it lie still")
     assert table.wait_for_message("push 1 of 3").phase in (PlanProgress.PHASE_PLACING, PlanProgress.PHASE_PUSHING)
     ros.wait_for(lambda: 0 in pushed(table.states), what="the push")
+
+
+def test_an_emergency_stop_at_rest_is_told_at_once_and_the_run_goes_on_after_it(ros, controller, tmp_path):
+    table = Table(ros, tmp_path, start=3)
+    table.obedient = False
+    table.wait_for_message("push 3 of 3: place the object at")
+    controller.hold_in_reset(True)
+    assert table.wait_for_message(ALARM).phase == PlanProgress.PHASE_ALARM
+    table.call("actuator/reset")
+    ros.wait_for(lambda: "release it, then reset" in str(table.actuator._problem), 60.0, "the refusal of the reset")
+    controller.hold_in_reset(False)
+    ros.wait_for(lambda: table.call("actuator/reset"), 60.0, "the reset")
+    table.wait_for_message("push 3 of 3: place the object at")
+    table.object = table.wanted[-1]
+    assert table.wait_for_end().completed == 1
 
 
 def test_few_frames_show_that_the_object_lies_still(ros, controller, tmp_path):
@@ -532,6 +551,43 @@ def test_an_estimator_that_is_behind_is_awaited_after_a_push(ros, controller, tm
     table._observation_out.publish(Observation(push_id=2))
     table.settled = (2**31 - 1) * 10**9
     assert table.wait_for_end().completed == 1
+
+
+def test_an_observation_that_comes_after_the_word_of_it_is_awaited(ros, controller, tmp_path, monkeypatch):
+    monkeypatch.setattr(experiment, "LATE", 1000.0)
+    table = Table(ros, tmp_path, start=3)
+    table.observed = False
+    table.wait_for_message("push 3 of 3: place the object at")
+    table.newest = 1
+    table.wait_for_message("push 3 of 3: waiting for its observations")
+    observation = Observation(push_id=2)
+    observation.header.stamp.nanosec = 1
+    table._observation_out.publish(observation)
+    assert table.wait_for_end().completed == 1
+
+
+def test_a_plan_has_not_ended_before_the_estimator_leaves_out_what_it_must(ros, controller, tmp_path):
+    """What it says after the end is its last word."""
+    table = Table(ros, tmp_path, attended=False, start=3)
+    table.observed = False
+    table._node.destroy_service(table._estimator)
+    assert table.wait_for_message("waiting for the estimator").phase == PlanProgress.PHASE_WAITING
+    table._node.create_service(SelectPush, "estimator/exclude_push", table._on_exclude)
+    table.wait_for_message("pushes done")
+    assert table.left_out == [2]
+
+
+def test_an_estimator_that_died_before_it_answered_is_asked_again(ros, controller, tmp_path, monkeypatch):
+    monkeypatch.setattr(others, "ASK_AGAIN", 0.2)
+    table = Table(ros, tmp_path, attended=False, start=3)
+    table.observed = False
+    table._node.destroy_service(table._estimator)
+    with visit("dies") as dies:  # it is never spun, so it takes the request with it
+        dies.node.create_service(SelectPush, "/cell/estimator/exclude_push", table._on_exclude)
+        ros.wait_for(lambda: table.node._estimator._answer, 120.0, "the request")
+    table._node.create_service(SelectPush, "estimator/exclude_push", table._on_exclude)
+    table.wait_for_end()
+    assert set(table.left_out) == {2}
 
 
 def test_a_standstill_of_the_node_counts_as_silence_of_nobody(monkeypatch):

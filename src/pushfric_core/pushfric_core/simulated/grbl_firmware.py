@@ -88,6 +88,7 @@ class SimulatedGrbl(SerialController):
         self._percent = {"feed": 100, "rapid": 100}  # overrides
         self._line = ""
         self._until_wco = self._until_overrides = 0  # reports
+        self._held_in_reset = False  # by its input
         self._owed = False  # an `ok` for the line that hit a soft limit; it comes with the reset
         self._restart(keep_coordinates=False)
 
@@ -120,10 +121,11 @@ class SimulatedGrbl(SerialController):
                 self._deaf = True
                 self._say("[MSG:Reset to continue]")
 
-    def hold_in_reset(self) -> None:
+    def hold_in_reset(self, held: bool) -> None:
         with self._lock:
             self._advance()
-            if self._motion is not None:
+            self._held_in_reset = held
+            if held and self._motion is not None:
                 self._boot()
 
     def hit_limit(self) -> None:
@@ -177,8 +179,9 @@ class SimulatedGrbl(SerialController):
         if mask & 2:
             fields.append(f"Bf:{PLANNER_BLOCKS - len(self._plan)},{RECEIVER_BYTES - len(self._line)}")
         fields.append(f"FS:{abs(speed) * MINUTE / unit:.{int(inches)}f},0")
-        if not -PULL_OFF < carriage < self._travel + PULL_OFF:
-            fields.append("Pn:X")
+        pins = "X" * (not -PULL_OFF < carriage < self._travel + PULL_OFF) + "R" * self._held_in_reset
+        if pins:
+            fields.append(f"Pn:{pins}")
         at_rest = self._motion is None
         if self._until_wco > 0:
             self._until_wco -= 1

@@ -39,8 +39,8 @@ class SerialController(ABC):
         """Where the carriage is [m]."""
 
     @abstractmethod
-    def hold_in_reset(self) -> None:
-        """The reset input is closed, as by an emergency stop: a carriage that moves stops at once, its position in doubt."""
+    def hold_in_reset(self, held: bool) -> None:
+        """The reset input is closed, as by an emergency stop, or open: a carriage that moves stops, its place in doubt."""
 
     def unasked(self) -> float:
         """For how long nobody has asked for the position of a carriage that moves [s]; 0 if that is not known."""

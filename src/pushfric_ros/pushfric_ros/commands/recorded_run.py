@@ -100,8 +100,8 @@ def failures(bag: pathlib.Path, namespace: str, result: Result) -> list[str]:
             msg = recorded.deserialize(message)
             if message.topic.endswith("plan_progress"):
                 course.append(msg)
-            elif msg.status != FrictionEstimate.STATUS_NO_DATA:
-                live = msg
+            else:
+                live = msg if msg.status != FrictionEstimate.STATUS_NO_DATA else None
     except (PushfricError, ValueError) as error:
         return [f"the bag {bag} does not say how the run went: {error}"]
     number = number_of(course[-1].push_id, course[-1].count) if course else ""

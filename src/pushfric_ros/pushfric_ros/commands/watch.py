@@ -245,11 +245,14 @@ class Monitor:
         """Whether the estimator has processed everything that was seen until the plan was finished."""
         if self._finished is None or self._catches_up() or (self.estimate is not None and self.complete < 0):
             return False
-        newest = None if self.estimate is None else stamp_from_msg(self.estimate.header.stamp)
-        return self._visit.node.judged and self._visit.node.newest in (0, newest)
+        node = self._visit.node
+        # by its stamp alone, an estimate cannot be told from one in which other pushes are left out
+        last = (0, 0) if self.estimate is None else (stamp_from_msg(self.estimate.header.stamp), self.estimate.data_points)
+        return node.judged and last == (node.newest, node.data_points)
 
     def _on_estimate(self, msg: FrictionEstimate) -> None:
         if msg.status == FrictionEstimate.STATUS_NO_DATA:
+            self.estimate = None  # all that it rested on is left out
             return
         push = msg.pushes
         if not self._live and self.estimate is not None and push != self.estimate.pushes:

@@ -44,6 +44,7 @@ class MonitorNode(Node):
     ) -> None:
         super().__init__("monitor", **SERVING_NOTHING, **kwargs)
         self.settled = self.newest = -1  # what the estimator has processed, and its newest observation [ns]
+        self.data_points = 0  # of its last estimate
         self.judged = False  # whether it has judged the pushes of all observations
         self._estimates = self.create_subscription(FrictionEstimate, "friction_estimate", on_estimate, LATCHED_QUEUE)
         self.create_subscription(PlanProgress, "plan_progress", on_progress, LATCHED_QUEUE)
@@ -82,4 +83,4 @@ class MonitorNode(Node):
 
     def _on_estimator_progress(self, msg: EstimatorProgress) -> None:
         self.settled, self.newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
-        self.judged = msg.judged
+        self.data_points, self.judged = msg.data_points, msg.judged

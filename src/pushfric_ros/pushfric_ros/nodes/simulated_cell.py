@@ -155,8 +155,7 @@ class SimulatedCellNode(Node):
         self._elapsed = self._steps * self._period
         stamp = stamp_to_msg(START + round(self._elapsed * 1e9))
         self._operate()
-        if self._switched["emergency_stop"]:
-            self._controller.hold_in_reset()
+        self._controller.hold_in_reset(self._switched["emergency_stop"])
         self._push(self._controller.position())
         self._clock_out.publish(ClockMsg(clock=stamp))
         if self._steps % STEPS_PER_FRAME == 0:

@@ -8,7 +8,9 @@ const SILENT = { level: "stale", message: "does not report", values: {} };
 const periodOf = (key) => PERIODS[key.split("/", 1)[0]];
 
 export class Run {
-  story = {};
+  story = {}; // but for the parts of these kinds, of which a long run has thousands
+  #parts = new Map(); // by their keys
+  #stale = false; // some of them are not arranged yet
   moments = []; // the observations, each with its push and what was known after it
   pushes = []; // each with its moments
   events = [];
@@ -37,7 +39,7 @@ export class Run {
 
   /** The story without what is too old to be so now: what passes, and what a node said that does not report any more. */
   present() {
-    const story = Object.create(this.story); // of a long run, a copy would take longer than a frame
+    const story = { ...this.story };
     for (const key of this.#came.keys()) {
       if (!this.isGone(key)) continue;
       if (key.startsWith("node/")) story[key] = SILENT;
@@ -52,14 +54,25 @@ export class Run {
 
   /** Take the whole story, or some of it. */
   take({ all, some }) {
-    if (all) this.story = {};
-    const told = Object.entries(all ?? some);
-    for (const [key, value] of told) {
-      if (value === null) delete this.story[key];
+    if (all) {
+      this.story = {};
+      this.#parts.clear();
+      this.#stale = true;
+    }
+    for (const [key, value] of Object.entries(all ?? some)) {
+      if (KINDS.includes(key.split("/", 1)[0])) {
+        this.#stale = true;
+        if (value === null) this.#parts.delete(key);
+        else this.#parts.set(key, value);
+      } else if (value === null) delete this.story[key];
       else this.story[key] = value;
       if (periodOf(key) && key !== "image") this.came(key, (all ?? some).ages?.[key]);
     }
-    if (all || told.some(([key]) => KINDS.includes(key.split("/", 1)[0]))) this.#arrange();
+  }
+
+  /** A push, as it was last told of; undefined if it is forgotten. */
+  push(number) {
+    return this.#parts.get(`push/${number}`);
   }
 
   /** The number of a push: its place in the plan, and whether it was repeated; push_plan.number_of says the same. */
@@ -80,11 +93,14 @@ export class Run {
     return moment ? this.pictures.reduce((best, one) => (best && away(best) <= away(one) ? best : one), undefined) : this.pictures.at(-1);
   }
 
-  #arrange() {
+  /** Let moments, pushes, events and pictures be all that have come: of a long run, that takes longer than a frame. */
+  arrange() {
+    if (!this.#stale) return;
+    this.#stale = false;
     const found = Object.fromEntries(KINDS.map((kind) => [kind, []]));
-    for (const [key, value] of Object.entries(this.story)) {
+    for (const [key, value] of this.#parts) {
       const [kind, n] = key.split("/", 2);
-      found[kind]?.push(Object.assign(value, { key, n: Number(n) }));
+      found[kind].push(Object.assign(value, { key, n: Number(n) }));
     }
     const [moments, pushes, events, pictures] = KINDS.map((kind) => found[kind].sort((a, b) => a.n - b.n));
     const count = this.story.plan?.count || Infinity; // a push that is repeated follows its first try

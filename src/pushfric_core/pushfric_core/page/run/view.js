@@ -4,6 +4,7 @@ import { drawCursors, drawLine } from "./line.js";
 import { drawCard, listenForGuess } from "./play.js";
 import { Run } from "./run.js";
 
+const CALM_MS = 400; // for so long after a moment was chosen, only moments are drawn: whoever looks through them does not wait
 const RETRY_MS = 2000, PAPER = 688; // width of a sheet of A4 without its margins [px]
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
 const SWITCHES = document.querySelectorAll("#switches button"); // that a person at a simulated cell turns over
@@ -16,6 +17,7 @@ let picture = null; // address of the image shown
 let drawing = false; // a redraw is due
 let connection = "connecting"; // or live, lost, ended, refused; over: the story is in the page
 let chosen = null, pinned = null; // numbers of the moment that is shown and of the one compared with; null: now, none
+let chosenAt = -Infinity; // when one was, last
 let drawn = []; // what the drawings show
 let toLine; // from the index of a moment to its place on the line
 let newsAt = performance.now(); // when something last came
@@ -48,7 +50,6 @@ function connect() {
     run.take(JSON.parse(data));
     connection = run.story.recorded ? "over" : "live";
     newsAt = performance.now();
-    keepPictures();
     if (run.story.reported) takeReport(socket);
     redraw();
   };
@@ -119,6 +120,8 @@ function redraw() {
   drawing = true;
   requestAnimationFrame(() => {
     drawing = false;
+    const calm = performance.now() - chosenAt > CALM_MS;
+    if (calm) run.arrange();
     story = run.present();
     for (const [kind, is] of [["over", connection === "over"], ["live", connection !== "over"]]) document.body.classList.toggle(kind, is);
     drawHeader();
@@ -130,7 +133,8 @@ function redraw() {
     else at("map").removeAttribute("tabindex");
     at("map").still = Boolean(held); // under a pointer that holds the object
     drawMap(at("map"), moment ? { object: story.object, pose: moment.pose } : story, moment ? run.moments.slice(moment.index - moment.place + 1, moment.index + 1) : []);
-    const now = [run.version, at("line").clientWidth, connection, story.estimate, moment, compared];
+    const whole = calm || !drawn.length ? [run.version, at("line").clientWidth, connection, story.estimate] : drawn.slice(0, 4);
+    const now = [...whole, moment, compared];
     const changed = now.findIndex((one, index) => one !== drawn[index]);
     if (changed >= 0 && changed < 4) drawAll();
     if (changed >= 0) drawMoment(moment, compared);
@@ -145,6 +149,7 @@ function redraw() {
 
 // What changes only with the observations: in a long run it must not be drawn again for each moment
 function drawAll() {
+  if (!told) keepPictures();
   at("time").hidden = connection === "over" && !run.moments.length;
   toLine = drawLine(at("line"), run, lastIndex());
   drawTable();
@@ -189,6 +194,7 @@ function drawNow() {
   let prompt = story.reading?.[0] || plan?.message || (connection === "over" ? "A recorded run" : estimate ? "Estimating from the observations as they come" : "Waiting for the run …");
   if (connection === "refused") prompt = "This page needs its token: open the address that was printed when the run began. Stop works without it.";
   if (fault === "stopped" && plan?.phase !== "finished") prompt = "The pusher is stopped: press Reset to let it move again";
+  if (switches().emergency_stop?.endsWith("is pressed")) prompt = "The emergency stop is pressed: release it below the camera's image, then press Reset";
   if (write("prompt", prompt[0].toUpperCase() + prompt.slice(1)) && (plan?.phase !== "pushing" || fault === "stopped")) ring();
   const way = wayToPlace(story);
   at("place").textContent = !way ? "" : plan.in_place ? "✓ It lies in place" : `Lay it onto the dashed outline: ${inWords(...way)} to go`;
@@ -271,6 +277,7 @@ function drawComparison(compared, moment) {
 
 function choose(index) {
   chosen = run.moments[index]?.n ?? null;
+  chosenAt = performance.now();
   if (chosen === null && picture) at("overlay").src = picture;
   redraw();
 }
@@ -342,6 +349,9 @@ async function keepPictures() {
   keeping = false;
 }
 
+// What the simulated cell says of each; nothing if there is none
+const switches = () => (connection === "live" && story["node/simulated_cell"]?.values) || {};
+
 function drawCamera(moment, compared) {
   const over = connection === "over" || connection === "ended" || (story.plan?.phase === "finished" && run.isGone("node/tracker"));
   const now = !moment && !over, tracker = now ? story["node/tracker"] : undefined;
@@ -361,7 +371,7 @@ function drawCamera(moment, compared) {
   if (then) said += `${said && "; "}right: the moment compared with`;
   write("seen", said);
   at("seen").classList.toggle("problem", Boolean(unseen));
-  const turned = (connection === "live" && run.story["node/simulated_cell"]?.values) || {};
+  const turned = switches();
   for (const id of ["switches", "hand"]) {
     at(id).hidden &&= !turned.lamp; // once it is there it keeps its place: nothing below moves when the run ends
     at(id).style.visibility = turned.lamp ? "" : "hidden";
@@ -375,7 +385,7 @@ function drawTable() {
   const rows = run.pushes;
   at("no_rows").hidden = rows.length > 0;
   for (const [push, line] of lines) {
-    if (story[`push/${push}`]) continue;
+    if (run.push(push)) continue;
     line.remove();
     lines.delete(push);
   }
@@ -390,7 +400,7 @@ function drawTable() {
       }
       const button = document.createElement("button");
       button.addEventListener("click", () => {
-        const now = story[`push/${row.push}`], what = now.excluded || rejectionOf(now) ? "keep" : "exclude";
+        const now = run.push(row.push), what = now.excluded || rejectionOf(now) ? "keep" : "exclude";
         ask(`${what}/${row.push}`, `${what} push ${run.numberOf(row.push)}`);
       });
       line.lastChild.append(button);

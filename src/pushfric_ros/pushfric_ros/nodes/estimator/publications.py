@@ -177,7 +177,7 @@ class Announcements:
         self._settings_out = topics.advertise(String, SETTINGS_TOPIC, LATCHED)
         self._start_out = topics.advertise(EstimationStart, START_TOPIC, LATCHED)
         self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
-        self._last: tuple[int, int, bool] | None = None  # what the last report of progress said
+        self._last: tuple[int, int, int, bool] | None = None  # what the last report of progress said
 
     def settings(self, now: Estimation) -> None:
         """Publish by which settings anything is estimated."""
@@ -194,10 +194,12 @@ class Announcements:
 
     def progress(self, now: Estimation) -> None:
         """Publish the time up to which all poses have become observations, and whether these are judged, if it has changed."""
-        newest = now.online.estimate.stamp if now.online.estimate is not None else 0
-        state = now.maker.settled, newest, now.online.settled
+        estimate = now.online.estimate
+        newest, data_points = (estimate.stamp, estimate.data_points) if estimate is not None else (0, 0)
+        state = now.maker.settled, newest, data_points, now.online.settled
         if state != self._last:
             self._last = state
-            msg = EstimatorProgress(settled_until=stamp_to_msg(now.maker.settled), judged=now.online.settled)
+            msg = EstimatorProgress(data_points=data_points, judged=now.online.settled)
+            msg.settled_until = stamp_to_msg(now.maker.settled)
             msg.header.stamp, msg.header.frame_id = stamp_to_msg(newest), OBJECT
             self._progress_out.publish(msg)

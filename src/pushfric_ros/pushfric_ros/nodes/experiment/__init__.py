@@ -40,9 +40,12 @@ STALL = 0.5
 REPEATS = 2
 """A push that a pause ended is repeated this often without asking."""
 
+LATE = 3.0
+"""An observation that the estimator has made is awaited for so long [s of wall time]."""
+
 LAST_WORDS = 20.0
 """The node ends this long after its plan, even if a listener has not acknowledged what it last said, or the estimator has not
-processed what it has seen [s of wall time]."""
+processed and judged what it has seen [s of wall time]."""
 
 
 class ExperimentNode(Node):
@@ -87,10 +90,13 @@ class ExperimentNode(Node):
         estimator, operator, progress = self._estimator, self._operator, self._operator.progress
         skipped = f", {progress.skipped} skipped" if progress.skipped else ""
         done = f"{progress.completed} of {counted(progress.count, 'push', 'pushes')} done"
-        operator.report(PlanProgress.PHASE_FINISHED, f"{done}{skipped}{end}")
         deadline = time.monotonic() + LAST_WORDS
-        # what leads the run must not end before the estimator has all that was seen of it
-        await operator.until(lambda: estimator.complete and operator.told, lambda: time.monotonic() > deadline)
+        if not estimator.complete:
+            operator.report(PlanProgress.PHASE_WAITING, "waiting for the estimator")
+        # what it says after the end must be its last word, so nothing may be left to leave out by then
+        await operator.until(lambda: estimator.complete, lambda: time.monotonic() > deadline)
+        operator.report(PlanProgress.PHASE_FINISHED, f"{done}{skipped}{end}")
+        await operator.until(lambda: operator.told, lambda: time.monotonic() > deadline)
         raise SystemExit(0)
 
     async def _carry_out_plan(self) -> None:
@@ -187,20 +193,20 @@ class ExperimentNode(Node):
         where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {turned} degrees"
 
         def misplaced() -> str | None:
-            if operator.choice is not None:
+            if operator.choice is not None or self._pusher.hindrance() is not None:
                 return None
             fault = self._object.misplaced(wanted, self._others.no_pose)
             progress.in_place = fault in (None, LET_LIE)
             return fault
 
-        while misplaced() is not None or self._others.unwell() is not None:
+        while misplaced() is not None or self._others.unwell() is not None or self._pusher.hindrance() is not None:
+            await operator.until_well(self._pusher.hindrance, "waiting for the pusher")
             await operator.until_well(misplaced, f"{push}: place the object at {where}", PlanProgress.PHASE_PLACING)
             # a node that reports OK receives the topics it needs, so it misses nothing of a push
             await operator.until_well(self._others.unwell, "waiting for")
         if operator.choice is not None:
             return operator.choice.value
         progress.in_place = True
-        await operator.until_well(self._pusher.hindrance, "waiting for the pusher")
         await operator.until_well(self._others.foreign_clock, "no push can be measured")
         await operator.until_well(self._others.namesake, "the messages may come from another cell")
         operator.report(PlanProgress.PHASE_PUSHING, f"{push}: the pusher moves, leave the object alone")
@@ -212,11 +218,15 @@ class ExperimentNode(Node):
 
         Where nobody attends who could choose to repeat it, a few are better than none.
         """
-        end = self.get_clock().now().nanoseconds
+        end, made = self.get_clock().now().nanoseconds, math.inf  # when all of them were made [s of wall time]
 
         def outstanding() -> str | None:
+            nonlocal made
+            if self._estimator.settled >= end:
+                made = min(made, time.monotonic())
             awaited = self._estimator.lacks(push_id) and self._operator.choice is None
-            if not awaited or self._estimator.settled >= end or self._object.unseen:
+            come = time.monotonic() - made > (0 if self._estimator.heard else LATE)
+            if not awaited or come or self._object.unseen:
                 return None
             return f"waiting for {self._others.unwell() or 'its observations'}"
 

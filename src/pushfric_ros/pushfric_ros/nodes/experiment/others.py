@@ -1,5 +1,6 @@
 """The other nodes of the cell, as the experiment knows them."""
 
+import time
 from collections import defaultdict
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -18,6 +19,8 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 NOT_OBSERVED = "no observation came from it"
 
+ASK_AGAIN = 3.0  # an estimator that has not answered for so long is asked again [s of wall time]
+
 BEFORE_SLIPS = 3  # pushes for p_CF, before every other one that is chosen is for mu_c
 
 
@@ -31,18 +34,20 @@ class EstimatorAccount:
     Attributes:
         settled: the time up to which it has processed everything [ns].
         pushed: when the last push ended [ns].
-        unwanted: aborted pushes whose observations it must still leave out, once it has made all of them.
+        unwanted: aborted pushes whose observations it has not said yet that it leaves out, once it has made all of them.
     """
 
     def __init__(self, node: Node, topics: Diagnostics, chooses: bool) -> None:
         self.settled = self.pushed = -1
-        self._newest = -1  # its newest observation [ns]
+        self._newest = self._heard = -1  # its newest observation, and the newest that has come here [ns]
+        self._judged = False  # whether it has judged all of them
         self._observed = defaultdict[int, set[int]](set)  # push -> the stamps of its observations [ns]
         self._region: CenterOfFrictionRegion | None = None
         self._mu_c = ContactFriction()
         self.unwanted: list[int] = []
-        self._exclude, self._excluding = node.create_client(SelectPush, "estimator/exclude_push"), Future()
-        self._excluding.set_result(None)
+        self._exclude = node.create_client(SelectPush, "estimator/exclude_push")
+        self._answer: Future | None = None  # on the first unwanted push
+        self._asked = 0.0  # when it was asked for that [s of wall time]
         if chooses:
             topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
             topics.subscribe(ContactFriction, "contact_friction", self._on_contact_friction, LATCHED)
@@ -52,9 +57,14 @@ class EstimatorAccount:
 
     @property
     def complete(self) -> bool:
-        """Whether it has processed all that was seen, and knows what to leave out."""
-        estimated = self.settled >= self.pushed or not self._progress.get_publisher_count()
-        return estimated and not self.unwanted and self._excluding.done()
+        """Whether it has processed and judged all that was seen, and knows what to leave out."""
+        estimated = (self.settled >= self.pushed and self._judged) or not self._progress.get_publisher_count()
+        return estimated and not self.unwanted
+
+    @property
+    def heard(self) -> bool:
+        """Whether its newest observation has come here, too, and so all before it."""
+        return self._heard >= self._newest
 
     def lacks(self, push_id: int) -> str | None:
         """The lack of observations of this push: of all of them, or of half of what others gave; None: there are enough."""
@@ -64,11 +74,15 @@ class EstimatorAccount:
         return f"only {counted(found, 'observation')} came from it, up to {most} from others" if found else NOT_OBSERVED
 
     def look(self) -> None:
-        """Tell it what to leave out, if it is time."""
-        due = self.unwanted and self._excluding.done() and self.settled >= self.pushed
-        if due and self._progress.get_publisher_count() and self._exclude.service_is_ready():
+        """Tell it what to leave out, if it is time; again, if it died before it answered."""
+        if self._answer is not None and self._answer.done():
             # the estimator refuses if nothing was observed of the push, which is as well
-            self._excluding = self._exclude.call_async(SelectPush.Request(push_id=self.unwanted.pop()))
+            self._answer = None
+            self.unwanted.pop(0)
+        due = self.unwanted and self.settled >= self.pushed
+        due = due and (self._answer is None or time.monotonic() - self._asked > ASK_AGAIN)
+        if due and self._progress.get_publisher_count() and self._exclude.service_is_ready():
+            self._answer, self._asked = self._exclude.call_async(SelectPush.Request(push_id=self.unwanted[0])), time.monotonic()
 
     def knows(self, index: int) -> bool:
         """Whether all that chooses the push of this index is known, from the whole last push."""
@@ -91,10 +105,15 @@ class EstimatorAccount:
         return next((PlannedPush(one.edge, one.offset, one.angle) for one in chosen), None)
 
     def _on_progress(self, msg: EstimatorProgress) -> None:
-        self.settled, self._newest = stamp_from_msg(msg.settled_until), stamp_from_msg(msg.header.stamp)
+        newest = stamp_from_msg(msg.header.stamp)
+        if self._newest < 0:  # what was observed before this node was there does not come any more
+            self._heard = max(self._heard, newest)
+        self.settled, self._newest, self._judged = stamp_from_msg(msg.settled_until), newest, msg.judged
 
     def _on_observation(self, msg: Observation) -> None:
-        self._observed[msg.push_id].add(stamp_from_msg(msg.header.stamp))
+        stamp = stamp_from_msg(msg.header.stamp)
+        self._observed[msg.push_id].add(stamp)
+        self._heard = max(self._heard, stamp)
 
     def _on_region(self, msg: CenterOfFrictionRegion) -> None:
         self._region = msg
