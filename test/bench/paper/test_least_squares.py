@@ -4,7 +4,6 @@ from problems import PROBLEMS, moment
 
 from bench.paper.experiments import least_squares_fit
 from pushfric_core.errors import UninformativePush
-from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.geometry.planar import Twist
 from pushfric_core.trajectories.observation import Observation
 
@@ -60,27 +59,6 @@ def test_it_is_the_limit_of_a_heavily_weighted_sum():
     rows = np.array([[moment(one, wrong, observation) for one in np.eye(4)] for observation in problem.observations])
     heavy = np.linalg.lstsq(np.vstack((rows, np.full(4, 1e4))), np.append(np.zeros(len(rows)), 1e4))[0]
     assert fit == pytest.approx(heavy, abs=1e-6)
-
-
-def test_noise_drives_weights_negative_where_the_linear_program_keeps_them(rng):
-    """As in section 7: hypothesised points that bear nothing, and noise."""
-    problem = PROBLEMS[1]()
-    grid = problem.outline.grid(5, 5)
-    noisy = [
-        Observation(one.contact_point, one.contact_normal, Twist(*(np.array(one.twist) * (1 + rng.normal(0, 0.1, 3)))))
-        for one in problem.observations
-    ]
-    fit = least_squares_fit(noisy, grid)
-    assert fit.min() < -0.3
-    estimator = Estimator(grid)
-    for one in noisy:
-        estimate = estimator.add(one)
-    assert estimate.w.min() >= 0
-
-
-def test_a_single_support_bears_all():
-    fit = least_squares_fit([translation(0.02)], np.zeros((1, 2)))
-    assert fit == pytest.approx([1])
 
 
 def test_a_contact_interval_counts_by_its_middle():

@@ -5,6 +5,7 @@ import { drawCard, listenForGuess } from "./play.js";
 import { Run } from "./run.js";
 
 const CALM_MS = 400; // for so long after a moment was chosen, only moments are drawn: whoever looks through them does not wait
+const FRAME_MS = 20, REST = 10; // a frame that takes longer, as of a long run that goes on, is followed by so many without the whole run
 const RETRY_MS = 2000, PAPER = 688; // width of a sheet of A4 without its margins [px]
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
 const SWITCHES = document.querySelectorAll("#switches button"); // that a person at a simulated cell turns over
@@ -18,6 +19,7 @@ let drawing = false; // a redraw is due
 let connection = "connecting"; // or live, lost, ended, refused; over: the story is in the page
 let chosen = null, pinned = null; // numbers of the moment that is shown and of the one compared with; null: now, none
 let chosenAt = -Infinity; // when one was, last
+let wholeAt = 0; // when the whole run may be drawn again
 let drawn = []; // what the drawings show
 let toLine; // from the index of a moment to its place on the line
 let newsAt = performance.now(); // when something last came
@@ -120,7 +122,7 @@ function redraw() {
   drawing = true;
   requestAnimationFrame(() => {
     drawing = false;
-    const calm = performance.now() - chosenAt > CALM_MS;
+    const began = performance.now(), calm = began > Math.max(chosenAt + CALM_MS, wholeAt);
     if (calm) run.arrange();
     story = run.present();
     for (const [kind, is] of [["over", connection === "over"], ["live", connection !== "over"]]) document.body.classList.toggle(kind, is);
@@ -138,6 +140,8 @@ function redraw() {
     const changed = now.findIndex((one, index) => one !== drawn[index]);
     if (changed >= 0 && changed < 4) drawAll();
     if (changed >= 0) drawMoment(moment, compared);
+    const took = performance.now() - began;
+    if (calm && took > FRAME_MS) wholeAt = began + REST * took;
     drawn = now;
     drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
     drawCard(run, story);
