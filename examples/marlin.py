@@ -25,7 +25,7 @@ from dataclasses import dataclass
 
 from pushfric_core.pushers.axis_reports import MM, StatusReport, moves
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.dialect import Alarmed, Answer, Dialect, Event, Greeting, Settings, Told, Version, number
+from pushfric_core.pushers.dialect import Alarmed, Answer, Dialect, Event, Greeting, Settings, Values, Version, number
 from pushfric_core.pushers.driver import Script
 from pushfric_core.pushers.pusher import Halted, Limits, NotConnected, Timeout
 from pushfric_core.pushers.serial_config import SerialConfig
@@ -73,7 +73,7 @@ class Marlin(Dialect):
         elif line.startswith("Error:") and "halted" in line:
             event = Alarmed()
         elif (setting := SETTING.match(line)) is not None:
-            event = Told("M503", {f"{setting[1]} {letter}": value for letter, value in WORD.findall(setting[2])})
+            event = Values("M503", {f"{setting[1]} {letter}": value for letter, value in WORD.findall(setting[2])})
         return event
 
     def piece(self, axis: str, target: float, feed: float) -> str:

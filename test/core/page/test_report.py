@@ -22,7 +22,7 @@ from tornado.websocket import websocket_connect
 from pushfric_core.bags.bag import Bag
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.page.report import in_one_file, report
-from pushfric_core.page.story import Told
+from pushfric_core.page.story import Broadcast
 
 BAG = pathlib.Path(__file__).parents[3] / "bags/rubber_rect4"
 
@@ -50,7 +50,7 @@ def test_the_page_needs_nothing_else(page):
 
 
 def test_pictures_are_made_small_and_what_is_none_is_kept():
-    picture, told_so_far = io.BytesIO(), Told()
+    picture, told_so_far = io.BytesIO(), Broadcast()
     noise = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
     Image.fromarray(noise).save(picture, "JPEG", quality=95)
     for number, content in enumerate((picture.getvalue(), b"no picture")):

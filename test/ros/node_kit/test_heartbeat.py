@@ -64,7 +64,7 @@ def test_a_heartbeat_that_waited_counts_from_its_arrival(ros, node):
     life.end()
     ended = time.monotonic()
     time.sleep(4 * PERIOD)
-    listener.look()
+    listener.receive()
     assert listener.node("tracker").number > before
     assert listener.node("tracker").came < ended + 2 * PERIOD
     busy.destroy_node()
@@ -81,7 +81,7 @@ def test_the_heartbeats_of_many_nodes_do_not_displace_each_other(ros, node):
             out.publish(HeartbeatMsg(node=f"/alive/node_{one}", number=number))
 
     def newest() -> set[int]:
-        listener.look()
+        listener.receive()
         return {sign.number for one in range(8) if (sign := listener.node(f"node_{one}")) is not None}
 
     ros.wait_for(lambda: newest() == {10}, what="the newest heartbeats of all")

@@ -75,7 +75,7 @@ def view(
             server.show(waiting | {"reading": None})
             server.call(all_told.set)
             all_told.wait()
-            report.write_text(in_one_file(server.told), encoding="utf-8")
+            report.write_text(in_one_file(server.broadcast), encoding="utf-8")
             server.show({"reported": True})
             threading.Event().wait()
         finally:

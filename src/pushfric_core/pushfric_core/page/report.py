@@ -33,7 +33,7 @@ from pushfric_core.geometry.table_1 import TableObject
 from pushfric_core.mechanics.prediction import FrictionModel, foretold
 from pushfric_core.offline.estimation import Estimation
 from pushfric_core.page.figure import run_figure, with_belief
-from pushfric_core.page.story import RUN_PAGE, Change, Story, Told, as_object, with_histogram
+from pushfric_core.page.story import RUN_PAGE, Broadcast, Change, Story, as_object, with_histogram
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.wording import counted
@@ -126,13 +126,13 @@ def told_again(
 
 def report(estimation: Estimation, file: pathlib.Path, figure: Figure | None = None) -> str:
     """The page of a recorded run in one file; arguments as of `told_again`."""
-    told = Told()
+    told = Broadcast()
     for change, jpeg in told_again(estimation, file, figure):
         told.take(change, jpeg)
     return in_one_file(told)
 
 
-def in_one_file(told: Told) -> str:
+def in_one_file(told: Broadcast) -> str:
     """The page with its style, its modules, its story and the pictures."""
 
     def read(name: str) -> str:

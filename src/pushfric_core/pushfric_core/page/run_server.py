@@ -15,7 +15,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from pushfric_core.cell.node_settings import REPORT_FILE, SWITCHES, ViewConfig
 from pushfric_core.page.server import PageServer, Reply, Request
-from pushfric_core.page.story import PASSING, Change, Told, as_object
+from pushfric_core.page.story import PASSING, Broadcast, Change, as_object
 from pushfric_core.records import to_json
 from pushfric_core.trajectories.observation import PUSH_IDS
 
@@ -61,7 +61,7 @@ class Server(PageServer):
         report: pathlib.Path | None = None,
     ) -> None:
         self._on_looking, self.report = on_looking, report
-        self.told = Told()
+        self.broadcast = Broadcast()
         self._came: dict[str, float] = {}  # when what passes did
         self._visitors: set[Visitor] = set()
         self._looking = False
@@ -82,15 +82,15 @@ class Server(PageServer):
         self._visitors.add(visitor)
         now = time.monotonic()
         ages = {key: now - came for key, came in self._came.items()}
-        visitor.tell(self.told.values | ({"ages": to_json(ages)} if ages else {}))
-        self.look()
+        visitor.tell(self.broadcast.values | ({"ages": to_json(ages)} if ages else {}))
+        self.count_watchers()
 
     def leave(self, visitor: "Visitor") -> None:
         """Forget a visitor."""
         self._visitors.discard(visitor)
-        self.look()
+        self.count_watchers()
 
-    def look(self) -> None:
+    def count_watchers(self) -> None:
         """Find out whether anybody looks."""
         looking = any(visitor.looks for visitor in self._visitors)
         if looking != self._looking:
@@ -101,8 +101,8 @@ class Server(PageServer):
         """A picture of the story; or the report, which is not to be opened here, where its own scripts are not allowed; or what
         becomes of a request."""
         kind, _, number = what.partition("/")
-        if kind == "picture" and what in self.told.pictures:
-            return "image/jpeg", self.told.pictures[what]
+        if kind == "picture" and what in self.broadcast.pictures:
+            return "image/jpeg", self.broadcast.pictures[what]
         if what == REPORT_FILE and self.report is not None and self.report.is_file():
             return "text/plain; charset=utf-8", self.report.read_bytes()
         if kind in ("picture", REPORT_FILE):
@@ -123,7 +123,7 @@ class Server(PageServer):
         await asyncio.gather(*(visitor.bid_farewell() for visitor in list(self._visitors)), return_exceptions=True)
 
     def _show(self, change: Change, jpeg: bytes) -> None:
-        told = self.told.take(change, jpeg)  # once, not for each visitor: a story may be long
+        told = self.broadcast.take(change, jpeg)  # once, not for each visitor: a story may be long
         self._came |= {key: time.monotonic() for key in change if key.startswith(PASSING)}
         for visitor in self._visitors:
             visitor.tell(told)
@@ -174,7 +174,7 @@ class Visitor(WebSocketHandler):
         except (ValueError, TypeError, KeyError, RecursionError):
             self.close(1003, "expected what the page says of itself")
             return
-        self._server.look()
+        self._server.count_watchers()
 
     def on_close(self) -> None:
         """Forget the visitor, who no longer looks."""

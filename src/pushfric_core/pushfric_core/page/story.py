@@ -269,7 +269,7 @@ class Story:
         return round((stamp - (self._start or stamp)) * 1e-9, 3)
 
 
-class Told:
+class Broadcast:
     """All that was told of a story: each value as JSON, and the pictures, both by their keys."""
 
     def __init__(self) -> None:

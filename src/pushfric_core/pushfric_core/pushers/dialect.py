@@ -60,7 +60,7 @@ class Version(NamedTuple):
     name: str
 
 
-class Told(NamedTuple):
+class Values(NamedTuple):
     """Settings or the like, as part of the answer to a line; at any other time they mean nothing."""
 
     line: str
@@ -71,7 +71,7 @@ class Garbled(NamedTuple):
     """A report came damaged."""
 
 
-Event = StatusReport | Answer | Greeting | Alarmed | HeldBy | Version | Told | Garbled
+Event = StatusReport | Answer | Greeting | Alarmed | HeldBy | Version | Values | Garbled
 
 
 class Dialect(ABC):

@@ -139,7 +139,7 @@ class Grbl(Dialect):
         known = before = axis.offset
         for _ in range(ASKED_FOR_TWO_ALIKE):
             try:
-                told = yield from pusher.told("$#", "$G")
+                told = yield from pusher.ask_values("$#", "$G")
             except Refused:
                 return
             offset = work_offset_of(told)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from enum import Enum
 
 from pushfric_core.pushers.axis_reports import StatusReport
-from pushfric_core.pushers.dialect import Alarmed, Answer, Event, Garbled, Greeting, HeldBy, Told, Version
+from pushfric_core.pushers.dialect import Alarmed, Answer, Event, Garbled, Greeting, HeldBy, Values, Version
 
 ERRORS = {
     1: "Expected command letter", 2: "Bad number format", 3: "Invalid statement", 4: "Value < 0", 5: "Setting disabled",
@@ -77,13 +77,13 @@ def decode(raw: bytes) -> Event | None:
     elif (build := BUILD.match(line)) is not None:
         event = Version(f"Grbl {build[1]}")
     elif (setting := SETTING.match(line)) is not None:
-        event = Told("$$", {f"${int(setting[1])}": setting[2]})
+        event = Values("$$", {f"${int(setting[1])}": setting[2]})
     elif (own := AXIS_SOFT_LIMITS.fullmatch(line)) is not None:
-        event = Told(line.partition("=")[0], {"$20": str(int(own[1] == "true"))})
+        event = Values(line.partition("=")[0], {"$20": str(int(own[1] == "true"))})
     elif (parameter := PARAMETER.fullmatch(line)) is not None:
-        event = Told("$#", {parameter[1]: parameter[2]})
+        event = Values("$#", {parameter[1]: parameter[2]})
     elif (modes := MODES.fullmatch(line)) is not None:
-        event = Told("$G", {"$G": modes[1]})
+        event = Values("$G", {"$G": modes[1]})
     return event
 
 

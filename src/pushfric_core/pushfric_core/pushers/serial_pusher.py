@@ -13,7 +13,7 @@ from functools import partial
 
 from pushfric_core.pushers.axis_reports import MM, MM_PER_MINUTE, STATE_MODES, AxisReports, StatusReport, moves
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.dialect import Alarmed, Answer, Dialect, Event, Garbled, Greeting, HeldBy, Told, Version, number
+from pushfric_core.pushers.dialect import Alarmed, Answer, Dialect, Event, Garbled, Greeting, HeldBy, Values, Version, number
 from pushfric_core.pushers.driver import STOPPING, Driver, Phase, Role, Script
 from pushfric_core.pushers.pusher import Held, Limits, Mode, NotConnected, NotReady, PusherConfig, PusherReport, Timeout
 from pushfric_core.pushers.serial_line import WIPED, Refused, SerialLine, identity_of
@@ -181,7 +181,7 @@ class SerialPusher(Driver):
                 self._hear_of_hold(why)
             case Version(name):
                 self.version = name
-            case Told(line, values) if line == self.line.pending:
+            case Values(line, values) if line == self.line.pending:
                 self._told.update(values)
 
     def _take_status(self, status: StatusReport) -> None:
@@ -280,7 +280,7 @@ class SerialPusher(Driver):
             self.hold()
             status = yield from self.report()
 
-    def told(self, *lines: str) -> Generator[None, None, dict[str, str]]:
+    def ask_values(self, *lines: str) -> Generator[None, None, dict[str, str]]:
         """The values that the controller tells in answer to these lines."""
         self._told = {}
         for line in lines:

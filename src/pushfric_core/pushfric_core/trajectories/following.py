@@ -108,7 +108,7 @@ class Following:
         self._pushes += push_id != self._newest
         self._newest = push_id
 
-    def look(self, sample: PoseSample, tip: Array, near: bool) -> None:
+    def note_pose(self, sample: PoseSample, tip: Array, near: bool) -> None:
         """Note whether the object is seen in the same pose as before, while the tip (2,) [m] near it goes on."""
         if self._before is None or sample.pose != self._before.pose or not near:
             self._same = sample.stamp, tip

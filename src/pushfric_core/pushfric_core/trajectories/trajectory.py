@@ -233,7 +233,7 @@ class Trajectory:
             touch = before.line.touch(self.outline, sample.pose)
             depth, mean = -math.inf if touch is None else position - touch.distance, after.position - before.position
         mean = mean * NANOSECONDS / (after.stamp - before.stamp)
-        self._following.look(sample, tip, depth >= -self.config.contact_tolerance)
+        self._following.note_pose(sample, tip, depth >= -self.config.contact_tolerance)
         if self._following.leaps(sample, max(abs(before.speed), abs(after.speed), abs(mean))):
             return None
         self._following.compare(sample, depth)

@@ -120,7 +120,7 @@ class Listener:
         self._looked = time.monotonic()
         self._subscription = node.create_subscription(HeartbeatMsg, TOPIC, self._on_heartbeat, NEWEST_OF_MANY)
 
-    def look(self) -> None:
+    def receive(self) -> None:
         """Take all heartbeats that have arrived, so that none that waits in the queue counts as missing."""
         now, since = time.monotonic(), self._looked
         for _ in range(NEWEST_OF_MANY.depth):
@@ -148,7 +148,7 @@ class Listener:
 
     def _on_heartbeat(self, msg: HeartbeatMsg, info: dict[str, Any]) -> None:
         self._hear(msg, info, self._looked)
-        self.look()
+        self.receive()
 
     def _hear(self, msg: HeartbeatMsg, info: dict[str, Any], since: float) -> None:
         """Note a heartbeat, with the time at which the middleware received it, which lies after the last look."""

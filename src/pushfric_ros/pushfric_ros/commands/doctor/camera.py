@@ -47,7 +47,7 @@ EARLY, SLOW, STALE = 0.005, 0.2, 0.5
 From the second time on, they may have such stamps, or the driver is slow."""
 
 
-class Frame(NamedTuple):
+class ReceivedFrame(NamedTuple):
     """A frame of the camera as it arrived."""
 
     stamp: int  # [ns]
@@ -58,7 +58,7 @@ class Frame(NamedTuple):
 class Watched(NamedTuple):
     """The frames that came from a camera, and those that did not."""
 
-    frames: list[Frame]  # the first ones; empty if none came in time
+    frames: list[ReceivedFrame]  # the first ones; empty if none came in time
     lost: int = 0  # images of a topic that were published meanwhile and did not arrive
     publishers: int = 0  # of the topic
 
@@ -77,7 +77,7 @@ def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> 
         return _watch_topic(entry.source, namespace)
     arrived = threading.Event()
     device = Device(entry.source, size, time.time_ns, arrived.set)
-    frames: list[Frame] = []
+    frames: list[ReceivedFrame] = []
     deadline = time.monotonic() + FRAME_TIMEOUT
     device.start()
     try:
@@ -88,14 +88,14 @@ def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> 
                 if not frames:
                     deadline = time.monotonic() + WATCHED
                 stamp, image = device.frames.popleft()
-                frames.append(Frame(stamp, time.time_ns(), image))
+                frames.append(ReceivedFrame(stamp, time.time_ns(), image))
     finally:
         device.close()
     return Watched(frames)
 
 
 def _watch_topic(source: str, namespace: str) -> Watched:
-    frames: list[Frame] = []
+    frames: list[ReceivedFrame] = []
     problems: list[str] = []
     losses = Losses(IMAGE_QUEUE)
 
@@ -107,7 +107,7 @@ def _watch_topic(source: str, namespace: str) -> Watched:
         except ValueError as error:
             problems.append(str(error))
             return
-        frames.append(Frame(stamp_from_msg(msg.header.stamp), arrival, image))
+        frames.append(ReceivedFrame(stamp_from_msg(msg.header.stamp), arrival, image))
 
     def publishers() -> int:
         return subscription.get_publisher_count()
@@ -177,7 +177,7 @@ def check_exposure(image: Image) -> Check:
     return Check("exposure", Grade.OK, finding)
 
 
-def check_stamps(frames: list[Frame]) -> Check:
+def check_stamps(frames: list[ReceivedFrame]) -> Check:
     """Whether the stamps of the frames agree with this machine's clock."""
     ages = [(frame.arrival - frame.stamp) / 1e9 for frame in frames]
     finding = f"{np.median(ages):.3f} s old on arrival"

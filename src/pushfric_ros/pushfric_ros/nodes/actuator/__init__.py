@@ -290,7 +290,7 @@ class ActuatorNode(LifecycleNode):
             self._button.answer(who, STOPPED)
         if Life.UNCONFIGURED in self._state:
             return
-        self._needs.look()
+        self._needs.note_turn()
         if moves := self._push is not None or Task.RECOVERING in self._state:
             self._check()
         now, pusher = self.get_clock().now().nanoseconds, self._pusher

@@ -43,7 +43,7 @@ class PushNeeds:
         if config.max_force:
             topics.subscribe(WrenchStamped, "wrench", self._on_wrench, SENSOR_DATA)
 
-    def look(self) -> None:
+    def note_turn(self) -> None:
         """Note that the node runs."""
         before, self._looked = self._looked, clock()
         self.gap = self._looked - before
@@ -91,7 +91,7 @@ class PushNeeds:
     def _lifeless(self, goal: bytes, lasted: float) -> tuple[PusherFault, str] | None:
         """Who shows no sign of life, of those that a goal needs: the fault, and what was measured; None if all of them live."""
         config = self._config
-        self._life.look()
+        self._life.receive()
         needed = [(PusherFault.OWNER, "its client", self._life.owner(goal), "owner_timeout")] if config.owner_timeout else []
         needed += [(PusherFault.NODES, name, self._life.node(name), "requires_timeout") for name in config.requires]
         for fault, who, sign, setting in needed:

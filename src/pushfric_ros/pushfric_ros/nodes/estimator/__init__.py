@@ -35,9 +35,9 @@ from pushfric_ros.node_kit.qos import LATCHED_QUEUE, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
 from pushfric_ros.node_kit.timers import wall_timer
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, object_transform
-from pushfric_ros.nodes.estimator.estimation import Estimation
+from pushfric_ros.nodes.estimator.estimation import LiveEstimation
 from pushfric_ros.nodes.estimator.publications import Announcements, Publications
-from pushfric_ros.nodes.estimator.rest import Rest
+from pushfric_ros.nodes.estimator.rest import RestWatch
 
 if TYPE_CHECKING:
     from pushfric_core.bags.resumption import Resumption
@@ -83,7 +83,7 @@ class EstimatorNode(Node):
             self.create_subscription(PlanProgress, PLAN, partial(self._on_input, PLAN), LATCHED_QUEUE)
             if self._settings.with_forces:
                 topics.subscribe(WrenchStamped, "wrench", partial(self._on_input, "wrench"), SENSOR_QUEUE)
-        self._rest = Rest(self, lambda: self._now.online.estimate, self._settle)
+        self._rest = RestWatch(self, lambda: self._now.online.estimate, self._settle)
         wall_timer(self, PROGRESS_PERIOD, self._report)
         self._announcements.start(self._now, self._resumption)
         if self._resumption is None:
@@ -156,7 +156,7 @@ class EstimatorNode(Node):
         settings = self._settings
         if self._resumption is not None and self._resumption.settings is not None:
             settings = dataclasses.replace(settings, excluded=self._resumption.settings.excluded)
-        self._now = Estimation(chosen, settings, self.get_logger(), first)
+        self._now = LiveEstimation(chosen, settings, self.get_logger(), first)
         for observation in self._prior if chosen == self._initial else ():
             self._now.learn(observation)
         self._publications.begin(self._now)
@@ -283,7 +283,7 @@ class EstimatorNode(Node):
             self._catch_up(self._resumption)
         self._announcements.progress(self._now)
         self._publications.draw()
-        self._rest.look()
+        self._rest.check()
 
     def _health(self) -> Health:
         now, seen, verdict = self._now, self._now.maker.trajectory, self._now.verdict

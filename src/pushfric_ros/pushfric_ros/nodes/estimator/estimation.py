@@ -20,7 +20,7 @@ KINDS = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES, "obse
 """The inputs' names in the ledger."""
 
 
-class Estimation:
+class LiveEstimation:
     """All that is made of the messages about one object, with an account of every message.
 
     Args:

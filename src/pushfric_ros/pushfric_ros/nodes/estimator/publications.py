@@ -36,7 +36,7 @@ from pushfric_ros.messages.conversions import (
 from pushfric_ros.messages.markers import estimate_to_markers, region_to_markers
 from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.qos import LATCHED
-from pushfric_ros.nodes.estimator.estimation import Estimation
+from pushfric_ros.nodes.estimator.estimation import LiveEstimation
 
 if TYPE_CHECKING:
     from pushfric_core.bags.resumption import Resumption
@@ -62,7 +62,7 @@ class Publications:
         self._region_out = topics.advertise(CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
         self._model_out = topics.advertise(FrictionModel, MODEL_TOPIC, LATCHED)
 
-    def begin(self, now: Estimation) -> None:
+    def begin(self, now: LiveEstimation) -> None:
         """Publish this estimation from now on; nothing is published yet."""
         self._now = now
         self._bounds: BoundsReport | None = None  # the last ones on mu_c
@@ -179,11 +179,11 @@ class Announcements:
         self._progress_out = topics.advertise(EstimatorProgress, "estimator_progress", LATCHED)
         self._last: tuple[int, int, int, bool] | None = None  # what the last report of progress said
 
-    def settings(self, now: Estimation) -> None:
+    def settings(self, now: LiveEstimation) -> None:
         """Publish by which settings anything is estimated."""
         self._settings_out.publish(String(data=now.settings.to_text()))
 
-    def start(self, now: Estimation, resumption: "Resumption | None") -> None:
+    def start(self, now: LiveEstimation, resumption: "Resumption | None") -> None:
         """Publish that an estimation starts, or goes on from the bag of an earlier one."""
         msg = EstimationStart(object=now.chosen)
         msg.header.stamp, msg.header.frame_id = self._clock.now().to_msg(), OBJECT
@@ -192,7 +192,7 @@ class Announcements:
             msg.continuation = resumption.continuation
         self._start_out.publish(msg)
 
-    def progress(self, now: Estimation) -> None:
+    def progress(self, now: LiveEstimation) -> None:
         """Publish the time up to which all poses have become observations, and whether these are judged, if it has changed."""
         estimate = now.online.estimate
         newest, data_points = (estimate.stamp, estimate.data_points) if estimate is not None else (0, 0)

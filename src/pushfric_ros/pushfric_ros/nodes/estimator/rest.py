@@ -14,7 +14,7 @@ QUIET = 0.5
 [s of wall time]."""
 
 
-class Rest:
+class RestWatch:
     """Does in steps what takes longer than an observation may wait, for an estimate that stays for a while.
 
     Args:
@@ -34,7 +34,7 @@ class Rest:
         self._steps: Steps | None = None
         self._more = node.create_guard_condition(self._go_on)
 
-    def look(self) -> None:
+    def check(self) -> None:
         """See whether the estimate has come to rest."""
         estimate, now = self._estimate(), time.monotonic()
         if self._previous is not estimate:

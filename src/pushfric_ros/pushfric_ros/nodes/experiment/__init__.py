@@ -28,7 +28,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.timers import cell_timer, wall_timer
 from pushfric_ros.nodes.experiment.carrier import Carrier
-from pushfric_ros.nodes.experiment.operator import ALARM_PATIENCE, Choice, Ended, Operator
+from pushfric_ros.nodes.experiment.operator import ALARM_PATIENCE, Choice, Operator, RunEnded
 from pushfric_ros.nodes.experiment.others import NOT_OBSERVED, EstimatorAccount, Others
 from pushfric_ros.nodes.experiment.reports import HIDDEN, LET_LIE, PAUSES, ReportedPusher, SeenObject
 
@@ -85,7 +85,7 @@ class ExperimentNode(Node):
         end = ""
         try:
             await self._carry_out_plan()
-        except Ended:
+        except RunEnded:
             end = "; ended by a person"
         estimator, operator, progress = self._estimator, self._operator, self._operator.progress
         skipped = f", {progress.skipped} skipped" if progress.skipped else ""
@@ -96,7 +96,7 @@ class ExperimentNode(Node):
         # what it says after the end must be its last word, so nothing may be left to leave out by then
         await operator.until(lambda: estimator.complete, lambda: time.monotonic() > deadline)
         operator.report(PlanProgress.PHASE_FINISHED, f"{done}{skipped}{end}")
-        await operator.until(lambda: operator.told, lambda: time.monotonic() > deadline)
+        await operator.until(lambda: operator.acknowledged, lambda: time.monotonic() > deadline)
         raise SystemExit(0)
 
     async def _carry_out_plan(self) -> None:
@@ -146,7 +146,7 @@ class ExperimentNode(Node):
                     return
                 await operator.until_chosen(f"{number} of {progress.count} was given up: {problem}")
             if operator.choice is Choice.END:
-                raise Ended
+                raise RunEnded
             if operator.choice is Choice.SKIP:
                 progress.skipped += 1
                 return
@@ -239,12 +239,12 @@ class ExperimentNode(Node):
         return lack + "; the object is not seen" * self._object.unseen
 
     def _look(self) -> None:
-        self._estimator.look()
+        self._estimator.ask_exclusions()
         before, self._looked = self._looked, time.monotonic()
         if (stood_still := self._looked - before) > STALL:
             self._pusher.excuse(stood_still)
             self._object.excuse(stood_still)
-        self._operator.look()
+        self._operator.check_conditions()
 
     def _on_pusher_state(self, msg: PusherState) -> None:
         try:

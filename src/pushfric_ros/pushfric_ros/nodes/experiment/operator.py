@@ -29,7 +29,7 @@ class Choice(enum.Enum):
     END = "a person ended the run"
 
 
-class Ended(Exception):
+class RunEnded(Exception):
     """A person has ended the run while something was awaited."""
 
 
@@ -58,7 +58,7 @@ class Operator:
             node.create_service(Trigger, f"~/{choice.name.lower()}", partial(self._on_choice, choice))
 
     @property
-    def told(self) -> bool:
+    def acknowledged(self) -> bool:
         """Whether all listeners have acknowledged what was last said."""
         # a wait would hold up the node's heartbeat, and end as a hang
         return self._out.wait_for_all_acked(Duration(seconds=0))
@@ -75,7 +75,7 @@ class Operator:
         self._conditions, self._met = conditions, Future()
         return self._met
 
-    def look(self) -> None:
+    def check_conditions(self) -> None:
         if any(values := [condition() for condition in self._conditions]):
             self._conditions = ()
             self._met.set_result(values)
@@ -84,7 +84,7 @@ class Operator:
         """Tell the operator about a problem, whenever it changes, until there is none.
 
         Raises:
-            Ended: he ends the run meanwhile.
+            RunEnded: he ends the run meanwhile.
         """
 
         def changed() -> bool:
@@ -101,7 +101,7 @@ class Operator:
             if self.choice is not Choice.END and given_up() and not changed():
                 raise SystemExit(f"{self.progress.message}; nobody is here to do that")
         if self.choice is Choice.END:
-            raise Ended
+            raise RunEnded
 
     async def until_chosen(self, push: str) -> None:
         """Let a person choose what becomes of an aborted push, once the pusher can move again."""

@@ -73,7 +73,7 @@ class EstimatorAccount:
             return None
         return f"only {counted(found, 'observation')} came from it, up to {most} from others" if found else NOT_OBSERVED
 
-    def look(self) -> None:
+    def ask_exclusions(self) -> None:
         """Tell it what to leave out, if it is time; again, if it died before it answered."""
         if self._answer is not None and self._answer.done():
             # the estimator refuses if nothing was observed of the push, which is as well
@@ -151,7 +151,7 @@ class Others:
 
     def unwell(self) -> str | None:
         """The nodes that have not reported OK yet, or whose heartbeat has stopped; None if there is none."""
-        self._life.look()
+        self._life.receive()
         signs = {name: self._life.node(name) for name in self._config.awaits}
         lifeless = {name for name, sign in signs.items() if sign is not None and sign.age > self._lifeless}
         return ", ".join(sorted(lifeless.union(self.awaited.missing))) or None

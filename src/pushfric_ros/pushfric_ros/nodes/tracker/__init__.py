@@ -29,7 +29,7 @@ from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.node_kit.required_subscribers import RequiredSubscribers
 from pushfric_ros.node_kit.transforms import TransformBroadcaster, camera_transform
-from pushfric_ros.nodes.tracker.pictures import Drawing, Recording
+from pushfric_ros.nodes.tracker.pictures import KeyframeRecording, OverlayDrawing
 from pushfric_ros.nodes.tracker.watch import Watch
 
 IMAGE_QUEUE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -66,8 +66,8 @@ class TrackerNode(Node):
         self._pose_out = topics.advertise(PoseWithCovarianceStamped, "object_pose", RELIABLE)
         heard_by = declare(self, RequiredSubscribersConfig).heard_by
         self._required_subscribers = RequiredSubscribers(self, self._pose_out, heard_by)
-        self._drawing = Drawing(topics, camera, model.outline, height)
-        self._recording = Recording(self, topics)
+        self._drawing = OverlayDrawing(topics, camera, model.outline, height)
+        self._recording = KeyframeRecording(self, topics)
         topics.subscribe(PoseStamped, "placement", self._on_placement, LATCHED)
         self.create_subscription(PlanProgress, "plan_progress", self._on_plan, LATCHED)
         self._transforms = TransformBroadcaster(self, prefix, fixed=True)  # late subscribers receive from it, too

@@ -30,7 +30,7 @@ OVERLAY_PERIOD = 0.2
 """Least time between overlays [s]."""
 
 
-class Recording:
+class KeyframeRecording:
     """Publishes the images that a bag is to hold.
 
     Args:
@@ -69,7 +69,7 @@ class Recording:
         self._pushes = msg.push_id != PusherState.NO_PUSH
 
 
-class Drawing:
+class OverlayDrawing:
     """Publishes the overlay, if anybody looks.
 
     Args:
