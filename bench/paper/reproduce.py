@@ -86,8 +86,9 @@ def cells(path: Path, leaf: Nested) -> tuple[str, str, str]:
     else:
         low, high = (number(quartile, digits) for quartile in leaf["quartiles"])
         here = number(leaf["median"], digits) + ("" if low == high else f" ({low} … {high})")
-    better = path[-1].startswith("percent") and agrees(path, leaf) is False and leaf["median"] < leaf["reference"]
-    return paper, number(leaf.get("reference"), digits), f"**{here}**" if agrees(path, leaf) is False and not better else here
+    better = path[-1].startswith("percent") and "reference" in leaf and leaf["median"] < leaf["reference"]
+    off = agrees(path, leaf) is False and not better
+    return paper, number(leaf.get("reference"), digits), f"**{here}**" if off else here
 
 
 def _row(claim: Claim) -> tuple[str, str, str]:

@@ -569,6 +569,15 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         assert violations(page) == {}
 
 
+def test_a_line_whose_width_changes_while_a_moment_is_chosen_is_drawn_again(browser, recorded):
+    with contextlib.closing(browser.new_page()) as page:
+        page.goto(recorded)
+        expect(page.locator("#line .curve")).not_to_have_count(0)
+        page.evaluate("""window.before = document.getElementById("line").firstElementChild; document.body.style.width = "700px";
+          document.getElementById("moment").dispatchEvent(new Event("input")); window.dispatchEvent(new Event("resize"));""")
+        page.wait_for_function("window.before !== document.getElementById('line').firstElementChild")
+
+
 def test_a_report_prints_on_two_sheets(browser, recorded):
     """Also from dark colours; all of it is text and lines, none of it a picture."""
     with contextlib.closing(browser.new_page(color_scheme="dark")) as page:  # on paper, everything moves

@@ -1,7 +1,7 @@
 """An estimate as it is reported, the same live, replayed and offline: a record of the program, and in it one of the belief.
 
 The fields have the names of the JSON; an annotation says where a field stands in the message, unless under its own name. JSON
-and message are made from them by `records.plain` and by `converter` of pushfric_ros.messages.
+and message are made from them by `records.plain` and by `write` of pushfric_ros.messages.conversions.
 """
 
 from collections.abc import Sequence

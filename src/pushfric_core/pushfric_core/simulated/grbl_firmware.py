@@ -87,7 +87,7 @@ class SimulatedGrbl(SerialController):
         self._canceling = False  # a jog
         self._percent = {"feed": 100, "rapid": 100}  # overrides
         self._line = ""
-        self._until = {"wco": 0, "overrides": 0}  # number of reports
+        self._until_wco = self._until_overrides = 0  # reports
         self._held_in_reset = False  # by its input
         self._owed = False  # an `ok` for the line that hit a soft limit; it comes with the reset
         self._restart(keep_coordinates=False)
@@ -123,10 +123,11 @@ class SimulatedGrbl(SerialController):
 
     def hold_in_reset(self, held: bool) -> None:
         with self._lock:
-            self._advance()
             self._held_in_reset = held
-            if held and self._motion is not None:
-                self._boot()
+            if held:
+                self._advance()
+                if self._motion is not None:
+                    self._boot()
 
     def hit_limit(self) -> None:
         """A hard limit switch closes."""
@@ -183,15 +184,15 @@ class SimulatedGrbl(SerialController):
         if pins:
             fields.append(f"Pn:{pins}")
         at_rest = self._motion is None
-        if self._until["wco"] > 0:
-            self._until["wco"] -= 1
+        if self._until_wco > 0:
+            self._until_wco -= 1
         else:
-            self._until = {"wco": WCO_EVERY[at_rest] - 1, "overrides": max(1, self._until["overrides"])}
+            self._until_wco, self._until_overrides = WCO_EVERY[at_rest] - 1, max(1, self._until_overrides)
             fields.append(f"WCO:{nowhere},{nowhere},{nowhere}")
-        if self._until["overrides"] > 0:
-            self._until["overrides"] -= 1
+        if self._until_overrides > 0:
+            self._until_overrides -= 1
         else:
-            self._until["overrides"] = OVERRIDES_EVERY[at_rest] - 1
+            self._until_overrides = OVERRIDES_EVERY[at_rest] - 1
             fields.append(f"Ov:{self._percent['feed']},{self._percent['rapid']},100")
         return f"<{'|'.join(fields)}>"
 
@@ -252,7 +253,7 @@ class SimulatedGrbl(SerialController):
     def _override(self, what: str, percent: int, added: bool) -> None:
         before = self._percent[what]
         self._percent[what] = min(max(before + percent, LEAST_FEED), MOST_FEED) if added else percent
-        self._until["overrides"] = 0
+        self._until_overrides = 0
         if self._state == "Run":
             self._set_out(self._advance())
 
@@ -316,7 +317,7 @@ class SimulatedGrbl(SerialController):
         self._lines: deque[str] = deque()
         self._line = ""
         self._asked = self._deaf = self._owed = False
-        self._until = {"wco": 0, "overrides": 0}
+        self._until_wco = self._until_overrides = 0
         self._forget_modes()
         self._say(GREETING)
         if locked:
@@ -429,8 +430,7 @@ class SimulatedGrbl(SerialController):
         if which == 20 and value and self._settings[22] == "0":
             return 10
         self._settings[which] = f"{value:.0f}" if which in WHOLE else f"{value:.3f}"
-        if which in (10, 13):
-            self._until["wco"] = 0
+        self._until_wco = 0 if which in (10, 13) else self._until_wco
         return 0
 
     def _shown_modes(self) -> str:

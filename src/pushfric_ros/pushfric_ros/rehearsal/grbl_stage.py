@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.pushers.grbl import Grbl
+from pushfric_core.pushers.grbl import INCH, Grbl
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
 from pushfric_core.pushers.pusher import PusherConfig, drive
 from pushfric_core.pushers.serial_config import GrblConfig
@@ -27,8 +27,11 @@ from pushfric_ros.node_kit.person import NoAnswer, Person
 from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.rehearsal.stage import RESET_AGAIN, EndedEarly, Heard, NotRehearsed, Stage, words_of
 
-INCH = 25.4  # [mm]
 LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
+LONGEST = 0.05
+"""Largest length of a push in the rendered camera's view [m]."""
+ANSWERS = {PlanProgress.PHASE_ALARM: "actuator/reset", PlanProgress.PHASE_CHOOSING: "experiment/repeat"}
+"""The answers that a cell awaits of a person."""
 
 
 class GrblStage(Stage):
@@ -154,12 +157,6 @@ def comparable(answer: list[str]) -> list[str]:
     """An answer without the parts that mean nothing: the last feed, and the motion mode, which the next line sets."""
     words = [[word for word in text.split() if not word.startswith(("F", "[GC:"))] for text in answer]
     return [" ".join(text) for text in words]
-
-
-LONGEST = 0.05
-"""Largest length of a push in the rendered camera's view [m]."""
-ANSWERS = {PlanProgress.PHASE_ALARM: "actuator/reset", PlanProgress.PHASE_CHOOSING: "experiment/repeat"}
-"""The answers that a cell awaits of a person."""
 
 
 def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":

@@ -5,7 +5,7 @@ import { drawCard, listenForGuess } from "./play.js";
 import { Run } from "./run.js";
 
 const CALM_MS = 400; // for so long after a moment was chosen, only moments are drawn: whoever looks through them does not wait
-const FRAME_MS = 20, REST = 10; // a frame that takes longer, as of a long run that goes on, is followed by so many without the whole run
+const FRAME_MS = 20, REST = 10; // after a frame that takes longer, as of a long run that goes on, so many pass without the whole run
 const RETRY_MS = 2000, PAPER = 688; // width of a sheet of A4 without its margins [px]
 const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
 const SWITCHES = document.querySelectorAll("#switches button"); // that a person at a simulated cell turns over
@@ -18,8 +18,7 @@ let picture = null; // address of the image shown
 let drawing = false; // a redraw is due
 let connection = "connecting"; // or live, lost, ended, refused; over: the story is in the page
 let chosen = null, pinned = null; // numbers of the moment that is shown and of the one compared with; null: now, none
-let chosenAt = -Infinity; // when one was, last
-let wholeAt = 0; // when the whole run may be drawn again
+let wholeAt = 0, waiting; // when the whole run may be drawn again, and the timer for it
 let drawn = []; // what the drawings show
 let toLine; // from the index of a moment to its place on the line
 let newsAt = performance.now(); // when something last came
@@ -122,8 +121,10 @@ function redraw() {
   drawing = true;
   requestAnimationFrame(() => {
     drawing = false;
-    const began = performance.now(), calm = began > Math.max(chosenAt + CALM_MS, wholeAt);
-    if (calm) run.arrange();
+    const began = performance.now(), whole = began >= wholeAt;
+    clearTimeout(waiting);
+    if (whole) run.arrange();
+    else waiting = setTimeout(redraw, wholeAt - began);
     story = run.present();
     for (const [kind, is] of [["over", connection === "over"], ["live", connection !== "over"]]) document.body.classList.toggle(kind, is);
     drawHeader();
@@ -135,13 +136,13 @@ function redraw() {
     else at("map").removeAttribute("tabindex");
     at("map").still = Boolean(held); // under a pointer that holds the object
     drawMap(at("map"), moment ? { object: story.object, pose: moment.pose } : story, moment ? run.moments.slice(moment.index - moment.place + 1, moment.index + 1) : []);
-    const whole = calm || !drawn.length ? [run.version, at("line").clientWidth, connection, story.estimate] : drawn.slice(0, 4);
-    const now = [...whole, moment, compared];
+    const ofRun = whole || !drawn.length ? [run.version, at("line").clientWidth, connection, story.estimate] : drawn.slice(0, 4);
+    const now = [...ofRun, moment, compared];
     const changed = now.findIndex((one, index) => one !== drawn[index]);
     if (changed >= 0 && changed < 4) drawAll();
     if (changed >= 0) drawMoment(moment, compared);
     const took = performance.now() - began;
-    if (calm && took > FRAME_MS) wholeAt = began + REST * took;
+    if (whole && took > FRAME_MS) wholeAt = Math.max(wholeAt, began + REST * took);
     drawn = now;
     drawPusher(at("drawing"), story.object?.outline ?? [], moment ? {} : story);
     drawCard(run, story);
@@ -281,7 +282,7 @@ function drawComparison(compared, moment) {
 
 function choose(index) {
   chosen = run.moments[index]?.n ?? null;
-  chosenAt = performance.now();
+  wholeAt = Math.max(wholeAt, performance.now() + CALM_MS);
   if (chosen === null && picture) at("overlay").src = picture;
   redraw();
 }
