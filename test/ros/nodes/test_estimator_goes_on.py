@@ -175,7 +175,7 @@ def test_an_estimator_that_dies_goes_on_to_the_last_bit(cell_of):
         assert cell.estimates[-1].objective == estimate.solution.objective
 
 
-def test_one_that_dies_twice_keeps_its_exclusions_and_forgets_what_was_reset(ros, cell_of):
+def test_one_that_dies_twice_keeps_what_a_person_chose_and_forgets_what_was_reset(ros, cell_of):
     pushes = [list(push(push_id, START + push_id * 10**10)) for push_id in range(5)]
     counts = np.cumsum([len(seen_in(messages)) for messages in pushes]).tolist()
     cell = cell_of()
@@ -186,11 +186,13 @@ def test_one_that_dies_twice_keeps_its_exclusions_and_forgets_what_was_reset(ros
     cell.await_data(counts[2] - counts[0])
     assert call(ros, cell.node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1)).success
     cell.await_data(counts[2] - counts[1])
+    assert call(ros, cell.node, SelectPush, "estimator/keep_push", SelectPush.Request(push_id=2)).success
     for push_id in (3, 4):
         cell.die()
         cell.start()
         cell.send(pushes[push_id])
         cell.await_data(counts[push_id] - counts[1])
+    ros.wait_for(lambda: Recorded(cell.bag).settings.kept == (2,), LONG, "the kept push in the settings of the last one")
     expected = fitted(seen_in(pushes[2] + pushes[3] + pushes[4]))
     assert list(cell.estimates[-1].support_friction.weights) == list(expected.w)
 

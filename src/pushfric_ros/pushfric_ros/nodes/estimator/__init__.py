@@ -154,8 +154,9 @@ class EstimatorNode(Node):
     def _begin(self, chosen: str, first: int | None = None) -> None:
         """Start a new estimate of an object, given by its name or file; the first push as of `PlanRecord`."""
         settings = self._settings
-        if self._resumption is not None and self._resumption.settings is not None:
-            settings = dataclasses.replace(settings, excluded=self._resumption.settings.excluded)
+        if self._resumption is not None and (last := self._resumption.settings) is not None:
+            self._settings = dataclasses.replace(settings, kept=last.kept)
+            settings = dataclasses.replace(self._settings, excluded=last.excluded)
         self._now = LiveEstimation(chosen, settings, self.get_logger(), first)
         for observation in self._prior if chosen == self._initial else ():
             self._now.learn(observation)
