@@ -17,7 +17,6 @@ from bench.public.strokes import SECOND, Imported
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.message_types import encoder, record
-from pushfric_core.bags.offered_qos import OfferedQos
 from pushfric_core.bags.samples import observation_to_msg
 from pushfric_core.files.csv_files import CsvRow, read_table
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, SupportFile, make_object, save_object
@@ -176,7 +175,7 @@ def object_on(name: str) -> ObjectModel:
 def write_bag(folder: pathlib.Path, name: str, observations: list[Observation]) -> Imported:
     """Write a bag of observations of the triangle on supports of this name, with its object's YAML file."""
     with BagWriter(folder) as writer:
-        writer.add_topic(TOPIC, TYPE, [OfferedQos(depth=len(observations), reliability="reliable", durability="volatile")])
+        writer.add_topic(TOPIC, TYPE, [])
         encode = encoder(TYPE)
         for observation in sorted(observations, key=lambda o: o.stamp):
             writer.write(TOPIC, observation.stamp, encode(observation_to_msg(observation, name, record)))

@@ -18,14 +18,14 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import String
 
 from pushfric_core.bags.bag import Bag, DamagedBag
-from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.bags.contents import BagMessage
 from pushfric_core.bags.recovery import recover
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import FrictionEstimate, Hypothesis, Observation, Recognition
 from pushfric_ros.messages import types as message_types
 from pushfric_ros.messages.types import recorded_class
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, offered
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
 STRING = "std_msgs/msg/String"
@@ -253,7 +253,7 @@ def test_recovery_saves_the_whole_chunks(tmp_path, flushed, kept):
 def test_what_was_flushed_survives_a_killed_process(tmp_path):
     script = f"""
 import os, signal, test_bag
-from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.bag_writer import BagWriter, offered
 writer = BagWriter({str(tmp_path / "bag")!r})
 writer.add_topic("/text", test_bag.STRING, [test_bag.offered(test_bag.RELIABLE)])
 for number in range(3):

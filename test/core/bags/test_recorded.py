@@ -12,14 +12,14 @@ from std_msgs.msg import String
 
 from pushfric_core import TABLE_1, EstimatorConfig, InvalidInput, Pose, PushedObject, PushingLine
 from pushfric_core.bags.bag import Bag
-from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.bags.message_types import encoder
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, offered
+from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 
 DEMO = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
 NAME = "rubber_rect4"

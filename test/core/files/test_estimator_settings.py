@@ -8,13 +8,13 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
 from pushfric_core import TABLE_1, Estimator, EstimatorConfig, InvalidInput, TrajectoryConfig
-from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
 from pushfric_ros.messages.conversions import observation_to_msg
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 NAME = "rubber_rect4"
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 8, np.random.default_rng(5))

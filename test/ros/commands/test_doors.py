@@ -26,7 +26,7 @@ from pushfric_core import (
     predict,
     stability,
 )
-from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.bags.message_types import encoder
 from pushfric_core.estimation.estimate import friction_model
 from pushfric_core.estimation.region import RegionConfig, line_of_motion
@@ -41,7 +41,7 @@ from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg, report_from_msg
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.planner_client import planner_client
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, offered
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 

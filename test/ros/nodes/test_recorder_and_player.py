@@ -19,12 +19,13 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
+from rosbags.interfaces import QosDurability, QosReliability
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from pushfric_core.bags.bag import Bag
-from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.bags.contents import BagMessage
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import Observation
@@ -33,7 +34,7 @@ from pushfric_ros.messages.types import definition, message_class
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.losses import Losses
 from pushfric_ros.node_kit.parameters import overrides
-from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE, offered
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.player import PlayerNode
 from pushfric_ros.nodes.recorder import QUEUE_DEPTH, MessagesLost, RecorderNode
 
@@ -159,8 +160,8 @@ def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
     assert deserialize_message(point.raw, PointStamped) == PointStamped()
     topics = {topic.name: topic for topic in Bag(tmp_path / "bag").summary.topics}
     assert list(topics) == NAMES
-    assert topics["/cell/center_of_friction"].qos_profiles[0].durability == "transient_local"
-    assert topics["/cell/text"].qos_profiles[0].reliability == "best_effort"
+    assert topics["/cell/center_of_friction"].qos_profiles[0].durability is QosDurability.TRANSIENT_LOCAL
+    assert topics["/cell/text"].qos_profiles[0].reliability is QosReliability.BEST_EFFORT
     assert topics["/cell/observation"].type_hash == message_types.type_hash(OBSERVATION)
 
 
@@ -178,9 +179,9 @@ def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publis
     # rosidl's file and the middleware agree
     assert topics["/cell/observation"].type_hash == message_types.type_hash(OBSERVATION)
     (qos,) = topics["/cell/center_of_friction"].qos_profiles
-    assert qos.durability == "transient_local"
+    assert qos.durability is QosDurability.TRANSIENT_LOCAL
     (qos,) = topics["/cell/text"].qos_profiles
-    assert qos.reliability == "best_effort"
+    assert qos.reliability is QosReliability.BEST_EFFORT
     (message,) = Bag(tmp_path / "bag").messages(["/cell/text"])
     assert content(message) == String(data="seen")
 

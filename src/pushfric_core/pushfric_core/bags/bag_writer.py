@@ -11,14 +11,18 @@ from typing import Any, BinaryIO
 
 import yaml
 from mcap.writer import CompressionType, Writer
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2.metadata import dump_qos_v9
 
 from pushfric_core.bags.contents import FIRST_NUMBER, mcap_file
 from pushfric_core.bags.message_types import definition, type_hash
-from pushfric_core.bags.offered_qos import OfferedQos
 from pushfric_core.bags.rosbag2_metadata import METADATA, VERSION
 from pushfric_core.errors import InvalidInput
 
 PathLike = str | os.PathLike[str]
+
+INFINITE_NS = 2**63 - 1
+"""A duration without limit, as the middleware represents it [ns]."""
 
 CHUNK_SIZE = 2**13
 """Size of the pieces that share a checksum and are lost together [bytes]. With the usual 1 MiB, a bag of poses is 15 % smaller,
@@ -89,7 +93,7 @@ class BagWriter:
         self,
         name: str,
         type_name: str,
-        qos_profiles: Sequence[OfferedQos],
+        qos_profiles: Sequence[Qos],
         hash_text: str | None = None,
         text: str | None = None,
     ) -> None:
@@ -182,7 +186,7 @@ class BagWriter:
         self,
         name: str,
         type_name: str,
-        qos_profiles: Sequence[OfferedQos],
+        qos_profiles: Sequence[Qos],
         hash_text: str,
         encoding: str,
         schema: bytes,
@@ -197,7 +201,7 @@ class BagWriter:
             encoding: of the schema, for example ros2msg.
             schema: the definition of the type.
         """
-        qos = [profile.entry() for profile in qos_profiles]
+        qos = dump_qos_v9([*qos_profiles])
         with self.writing():
             if type_name not in self._schemas:
                 self._schemas[type_name] = self._writer.register_schema(type_name, encoding, schema)
@@ -260,6 +264,26 @@ class BagWriter:
             "custom_data": self._custom or None,
             "ros_distro": os.environ.get("ROS_DISTRO", ""),
         }
+
+
+def offered(found: Any) -> Qos:
+    """The offer of a publisher, given as rclpy's QoSProfile."""
+    return Qos(
+        QosHistory[found.history.name],
+        found.depth,
+        QosReliability[found.reliability.name],
+        QosDurability[found.durability.name],
+        _time(found.deadline),
+        _time(found.lifespan),
+        QosLiveliness[found.liveliness.name],
+        _time(found.liveliness_lease_duration),
+        found.avoid_ros_namespace_conventions,
+    )
+
+
+def _time(duration: Any) -> QosTime:
+    """A duration; for "no limit", a profile made in a program has 0, and one discovered on the network has infinity."""
+    return QosTime(*divmod(max(0, duration.nanoseconds) or INFINITE_NS, 10**9))
 
 
 def _close_on_disk(file: BinaryIO) -> None:

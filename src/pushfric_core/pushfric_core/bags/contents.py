@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pushfric_core.bags.offered_qos import OfferedQos
+from rosbags.interfaces import Qos
 
 FIRST_NUMBER = "pushfric_first_number"
 """In the metadata of a channel: the number of its topic's first message; the others follow. It is drawn for each recording, so
@@ -70,7 +70,7 @@ class Topic:
 
     name: str
     type_name: str
-    qos_profiles: tuple[OfferedQos, ...]
+    qos_profiles: tuple[Qos, ...]
     type_hash: str  # RIHS01_...; empty in bags older than ROS 2 Jazzy
     message_count: int  # of those that can be read
     definition: Definition

@@ -1,5 +1,6 @@
 """MCAP files, read record by record by the library mcap: what follows a broken chunk is still found."""
 
+import functools
 import io
 import pathlib
 import struct
@@ -17,12 +18,14 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
+from rosbags.interfaces import Qos
+from rosbags.rosbag2.metadata import parse_qos
 
 from pushfric_core.bags.contents import FIRST_NUMBER, UNKNOWN_TOPIC, BagMessage, Definition, Gap, Topic, in_order
 from pushfric_core.bags.message_types import Decoder
-from pushfric_core.bags.offered_qos import profiles_from
 from pushfric_core.bags.rosbag2_metadata import BagMetadata, embedded_metadata
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.yaml_text import load_yaml
 from pushfric_core.wording import counted
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -380,6 +383,24 @@ class McapFile:
                 self.doubts.append(f"the numbers of {what} do not follow: copies, another order, or another recording")
             missing[name] = int((steps - 1)[(steps > 1) & (steps <= STRANGE)].sum())
         return +missing
+
+
+@functools.lru_cache(maxsize=100)
+def profiles_from(text: str) -> tuple[Qos, ...]:
+    """The profiles of a topic, in YAML; most topics have the same ones.
+
+    Raises:
+        ValueError: rosbag2 did not write this.
+    """
+    entries: Any = load_yaml(text) or []
+    try:
+        found = tuple(parse_qos(entries))
+        numbers = [n for one in found for n in (one.depth, *one.deadline, *one.lifespan, *one.liveliness_lease_duration)]
+    except (LookupError, TypeError, AttributeError) as error:
+        raise ValueError(f"expected QoS profiles as rosbag2 writes them, got {str(entries)[:80]}") from error
+    if wrong := [number for number in numbers if type(number) is not int or number < 0]:
+        raise ValueError(f"expected depths and durations in whole numbers of 0 or more, got {str(wrong[0])[:80]!r}")
+    return found
 
 
 def definition_of(schema: Schema) -> Definition:

@@ -12,7 +12,6 @@ quality:
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from pushfric_core.bags.offered_qos import INFINITE_NS, OfferedQos
 from pushfric_core.cell.node_settings import QUALITIES
 
 SENSOR_DATA = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -46,9 +45,3 @@ NAMED = dict(zip(QUALITIES, (SENSOR_DATA, RELIABLE, LATCHED), strict=True))
 def deepened(quality: QoSProfile, depth: int) -> QoSProfile:
     """The same quality, with a queue of this many messages."""
     return QoSProfile(depth=depth, reliability=quality.reliability, durability=quality.durability)
-
-
-def offered(found: QoSProfile) -> OfferedQos:
-    """The offer of a publisher, as a record for a bag."""
-    # for "no limit", a profile made in a program has 0, and one discovered on the network has infinity
-    return OfferedQos.of_policies(found, lambda duration: duration.nanoseconds or INFINITE_NS)

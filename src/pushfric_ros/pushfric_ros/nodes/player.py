@@ -193,7 +193,7 @@ def _offered(topic: Topic) -> QoSProfile:
 
     It is always reliable: what was recorded must not be lost on the way to a second listener.
     """
-    latched = any(qos.durability == "transient_local" for qos in topic.qos_profiles)
+    latched = any(qos.durability.name == "TRANSIENT_LOCAL" for qos in topic.qos_profiles)
     return QoSProfile(
         # discovery does not carry the depth: 0 in bags of `ros2 bag record`
         depth=min(max((qos.depth for qos in topic.qos_profiles), default=0), DEPTH_LIMIT) or DEFAULT_DEPTH,

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
-from pushfric_core.bags.bag_writer import BagWriter
+from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.cell.node_settings import KnownTopic, RecorderConfig, RecordingConfig
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.object_file import CAMERA_FILE, OBJECT_FILE, PRIOR_FILE, load_object, save_object
@@ -24,7 +24,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, withou
 from pushfric_ros.node_kit.losses import Losses, Reception
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
-from pushfric_ros.node_kit.qos import NAMED, RELIABLE, deepened, offered
+from pushfric_ros.node_kit.qos import NAMED, RELIABLE, deepened
 from pushfric_ros.node_kit.timers import wall_timer
 
 QUEUE_DEPTH = RELIABLE.depth
