@@ -38,7 +38,6 @@ from pushfric_core.pushers.pusher import (
 )
 from pushfric_core.pushers.states import (
     ACTUATOR,
-    READY,
     UNDER_WAY,
     Action,
     Controller,
@@ -63,7 +62,7 @@ from pushfric_ros.node_kit.stop_button import StopButton
 from pushfric_ros.node_kit.timers import cell_timer, wall_timer
 from pushfric_ros.nodes.actuator.connection import Connection
 from pushfric_ros.nodes.actuator.needs import DISK, PushNeeds
-from pushfric_ros.nodes.actuator.reports import StateTopics, UnderWay, impossible
+from pushfric_ros.nodes.actuator.reports import StateTopics, UnderWay, impossible, lost_track, shown
 
 STOPPED = "stopped: nothing moves until a reset"
 UNKNOWN = "where the pusher stands is not known: "
@@ -361,26 +360,15 @@ class ActuatorNode(LifecycleNode):
         self._report = self._report._replace(speed=0.0, mode=Mode.DISCONNECTED)
         self._on(event)
 
-    def _shown(self, mode: Mode) -> Mode:
-        """The mode as others see it: idle means ready to move."""
-        if mode not in (Mode.IDLE, Mode.HOLD) or (mode is Mode.IDLE and self._state >= READY):
-            return mode
-        return Mode.ALARM if self._lost_track else Mode.HOLD
-
-    @property
-    def _lost_track(self) -> bool:
-        """Whether only a person can say where the pusher stands, or homing."""
-        return Life.ACTIVE in self._state and Position.KNOWN not in self._state
-
     def _explained(self, mode: Mode) -> str:
         """A mode, what went wrong, and what to do about it; for people."""
-        remedy = REMEDIES[self._config.home] if mode is Mode.ALARM and self._lost_track else None
+        remedy = REMEDIES[self._config.home] if mode is Mode.ALARM and lost_track(self._state) else None
         if mode is Mode.HOLD and Hold.HELD in self._state:
             remedy = f"{self._held}: nothing moves until a reset"
         return ": ".join(str(text) for text in (mode.value, self._problem, remedy) if text is not None)
 
     def _publish(self, report: PusherReport) -> None:
-        mode, known = self._shown(report.mode), Position.KNOWN in self._state
+        mode, known = shown(self._state, report.mode), Position.KNOWN in self._state
         in_doubt = mode is Mode.DISCONNECTED or not known or self._pusher.doubt is not None
         newest = report is self._report and report.mode is not Mode.DISCONNECTED
         push_id = self._push.push_id if self._push is not None and Task.PUSHING in self._state else PusherState.NO_PUSH
@@ -397,7 +385,7 @@ class ActuatorNode(LifecycleNode):
         elif self._state & UNDER_WAY:
             response.message = "a push is under way, cancel it first"
         else:
-            response.message = self._needs.disabled or self._explained(self._shown(self._pusher.mode))
+            response.message = self._needs.disabled or self._explained(shown(self._state, self._pusher.mode))
         return response
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -407,7 +395,7 @@ class ActuatorNode(LifecycleNode):
 
     def _health(self) -> Health:
         active = Life.ACTIVE in self._state
-        mode = self._shown(self._pusher.mode) if active else self._pusher.mode
+        mode = shown(self._state, self._pusher.mode) if active else self._pusher.mode
         level = {Mode.DISCONNECTED: Level.ERROR, Mode.ALARM: Level.ERROR, Mode.HOLD: Level.WARN}.get(mode, Level.OK)
         message = mode.value if level is Level.OK else self._explained(mode)
         if not active and (Life.UNCONFIGURED in self._state or level is Level.OK):
@@ -429,7 +417,7 @@ class ActuatorNode(LifecycleNode):
     def _refusal(self, push: Push.Goal) -> str | None:
         """Why a goal is rejected; None for a good one."""
         # only the first report after connecting says where the pusher is
-        mode = Mode.DISCONNECTED if self._report.mode is Mode.DISCONNECTED else self._shown(self._pusher.mode)
+        mode = Mode.DISCONNECTED if self._report.mode is Mode.DISCONNECTED else shown(self._state, self._pusher.mode)
         if self._push is not None:
             return f"push {self._push.goal.request.push_id} is under way"
         if Life.ACTIVE not in self._state:

@@ -12,6 +12,7 @@ from std_msgs.msg import String
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import TABLE
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherFault, PusherReport
+from pushfric_core.pushers.states import READY, Life, Position, State
 from pushfric_core.pushers.stroke import unevenness
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
@@ -82,6 +83,18 @@ def impossible(push: Push.Goal, config: PusherConfig, limits: Limits, position: 
     if push.distance < 0 and end < -ROUNDING:
         return f"it would end at {end:.4f} m, before the stroke's beginning at 0 m"
     return None
+
+
+def shown(state: State, mode: Mode) -> Mode:
+    """The mode as others see it: idle means ready to move."""
+    if mode not in (Mode.IDLE, Mode.HOLD) or (mode is Mode.IDLE and state >= READY):
+        return mode
+    return Mode.ALARM if lost_track(state) else Mode.HOLD
+
+
+def lost_track(state: State) -> bool:
+    """Whether only a person can say where the pusher stands, or homing."""
+    return Life.ACTIVE in state and Position.KNOWN not in state
 
 
 class StateTopics:
