@@ -76,6 +76,18 @@ def test_all_the_weight_at_the_contact_follows_the_tip_without_turning():
     assert found.twists[0, 0] == pytest.approx((0.001, 0.02, 0.0))
 
 
+@pytest.mark.parametrize("mu_c", [0.05, 0.5])
+@pytest.mark.parametrize("beside", [1e-17, 1e-16, 1e-13, 1e-11, 1e-9])
+def test_a_contact_a_rounding_error_beside_a_support_is_at_it(mu_c, beside):
+    at, velocity, normal = np.array((0.05, -0.03)), [(0.002, 0.02)], [(0.0, -1.0)]
+    corners = at * [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+    expected, found = (
+        motions(corners, np.full((1, 4), 0.25), [mu_c], [point], normal, velocity) for point in (at, at - (beside, 0.0))
+    )
+    assert found.modes == expected.modes
+    np.testing.assert_allclose(found.twists, expected.twists, atol=1e-7)
+
+
 def test_a_tip_sticks_between_the_edges_of_the_motion_cone(rng):
     for outline, support_points, weights in cases(rng):
         points, normals, _ = random_pushes(outline, 10, rng)

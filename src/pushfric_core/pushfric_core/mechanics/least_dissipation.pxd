@@ -30,7 +30,7 @@ cdef void dissipate(Contact contact, double slip, double turn) noexcept
 )
 cdef void turn_only(Contact contact, double turn) noexcept
 
-@cython.locals(low=double, high=double, own=double, turn=double, narrow=double, last=double, following=double, j=Py_ssize_t)
+@cython.locals(low=double, high=double, own=double, turn=double, square=double, narrow=double, last=double, following=double, j=Py_ssize_t)
 cdef void stick(Contact contact) noexcept
 
 @cython.locals(

@@ -26,7 +26,7 @@ BISECTIONS = 100
 """Bound on the steps of a search on a line; about ten are usual."""
 
 NARROW = 1e-12
-"""The search on a line ends when its bracket has shrunk to this fraction of the first one."""
+"""The search for a turn ends when a step, or the bracket, moves the supports by less than this share of the tip's way."""
 
 FLAT = 1e-9
 """This share of the curvature of a translation and of a turn is added, to keep a step finite if the dissipation is linear."""
@@ -116,15 +116,17 @@ def stick(contact: Contact) -> None:
     Newton's method on the moment, which grows with the turn. If a step leaves the bracket, or is more than half as long as the
     last one, the bracket is halved instead.
     """
-    low, high = math.inf, -math.inf
+    low, high, square = math.inf, -math.inf, 0.0
     for j in range(contact.size):
         if contact.square[j] > 0:
             own = -contact.lever[j] / contact.square[j]  # at this turn, the support by itself moves slowest
             low, high = min(low, own), max(high, own)
+            square += contact.w[j] * contact.square[j]
     if low > high:
         low = high = 0.0  # all the weight at the contact: it does not turn
-    turn = (low + high) / 2
-    narrow, last = NARROW * (high - low), high - low
+    turn, last = (low + high) / 2, high - low
+    # not by the bracket: a support beside the contact makes that as wide as it likes
+    narrow = NARROW / math.sqrt(square) if square > 0 else 0.0
     for _ in range(BISECTIONS):
         if not (last > narrow and high - low > narrow):
             break
@@ -136,6 +138,9 @@ def stick(contact: Contact) -> None:
         following = low
         if contact.turn_turn > 0:
             following = turn - contact.by_turn / contact.turn_turn
+            if abs(following - turn) <= narrow:  # so short a step may end beyond the bracket
+                turn = following
+                break
         # near a support that almost stands still, Newton's steps are short and hardly shrink
         if not (low < following < high and abs(following - turn) <= last / 2):
             following = (low + high) / 2
