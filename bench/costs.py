@@ -19,8 +19,6 @@ from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.messages.conversions import estimate_to_msg
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-STEPS = 3
-
 ROUNDS = 7
 """Number of times that all observations are taken."""
 

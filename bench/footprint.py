@@ -40,8 +40,6 @@ EVENT_TIMEOUT = 60.0
 """How long nodes may take to appear and to end [s]."""
 
 ROUNDS = 5
-STEPS = 6
-
 BARE_NODE = """
 import rclpy
 from rclpy.executors import ExternalShutdownException

@@ -50,9 +50,6 @@ BEST_EFFORT = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 Figures = dict[str, Any]
 
 
-STEPS = 1
-
-
 def measure(progress: Callable[[str], None]) -> Figures:
     """Run the demo's cell once in real time; see `Listener.latency`, and the cores that its nodes took."""
     progress("live graph")

@@ -41,8 +41,6 @@ SUPPORTS, SAMPLES, PREDICTIONS = 55, 8, 10_000
 CHECKED = 200
 ROUNDS = 5
 
-STEPS = len(OBJECTS) + 1
-
 Figures = dict[str, Any]
 
 
@@ -50,7 +48,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
     """Strokes of all objects of Table 1, whose truth is known, and the speed of predictions.
 
     Args:
-        progress: called with what comes next, STEPS times.
+        progress: called with what comes next.
     Returns:
         {"strokes": [{"object", "strokes", "mu_c" (kinds of the estimates), "median_mm", "p90_mm", "median_deg", "p90_deg"}],
         "predictions": {"count", "cpu_s", "largest_difference"}}: that of a twist from the exact one, as a share of its size.

@@ -38,8 +38,6 @@ from pushfric_ros.node_kit.planner_client import planner_client
 from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.node_kit.visit import visit
 
-STEPS = 2
-
 RATE = 20.0
 """How often the client asks about one push [Hz]."""
 

@@ -32,8 +32,6 @@ GUESS = 0.3
 """A mu_c that nobody has measured."""
 
 OBJECTS = tuple(TABLE_1)
-STEPS = len(OBJECTS)
-
 Figures = dict[str, Any]
 
 

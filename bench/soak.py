@@ -26,8 +26,6 @@ OBJECT, SPEED = "rubber_rect4", 5.0
 PUSHES = 120
 """Pushes planned for each minute: more than there is time for."""
 
-STEPS = None
-
 PERIOD = 2.0
 """Time between samples [s]."""
 
