@@ -30,6 +30,7 @@ from pushfric_core.pushers.pusher import (
     PusherConfig,
     PusherReport,
     Timeout,
+    drive,
 )
 from pushfric_core.settings import REQUIRED, check_ranges, setting
 
@@ -140,9 +141,7 @@ class SlideDriver:
     def close(self) -> None:
         with contextlib.suppress(NotConnected, Timeout):
             self.stop()
-            while self.busy:
-                self.poll(0)
-                time.sleep(0.005)
+            drive(self)
         self._drop()
 
     def _drop(self) -> None:
@@ -200,7 +199,7 @@ class SlideDriver:
             if self._command is not None and float(position) == self._command[0]:
                 self._command = None
             self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp) if stamp else None)
-            self._report = fresh = self._report._replace(mode=self.mode)
+            fresh = self._report._replace(mode=self.mode)
         return fresh
 
     def _send(self, text: str) -> None:
@@ -219,18 +218,12 @@ def main() -> None:
         Slide(f"{folder}/slide").start()
         slide = SlideDriver(f"{folder}/slide")
         slide.connect()
-        while slide.busy:
-            slide.poll()
+        drive(slide)
         slide.move_to(0.05, speed=0.1)
-        told, report = 0.0, None
         while slide.busy:
-            report = slide.poll(time.monotonic_ns()) or report
-            if report is not None and slide.busy and time.monotonic() > told:
-                print(f"{report.mode.value} at {1e3 * report.position:.1f} mm, {1e3 * report.speed:.0f} mm/s")
-                told = time.monotonic() + 0.1
-            time.sleep(0.005)
-        assert report is not None
-        print(f"{slide.mode.value} at {1e3 * report.position:.1f} mm")
+            if (report := slide.poll(time.monotonic_ns())) is not None:
+                print(f"{report.mode.value} at {1e3 * report.position:.1f} mm")
+            time.sleep(0.05)
 
 
 if __name__ == "__main__":
