@@ -89,7 +89,7 @@ def bench(
         bool,
         typer.Option(
             "--planning",
-            help="Measure only what planners get: strokes, predictions, answers of the planner node, MuJoCo: 10 minutes.",
+            help="Measure only what planners get: predictions, answers of the planner node, strokes in MuJoCo: 7 minutes.",
         ),
     ] = False,
     minutes: Annotated[

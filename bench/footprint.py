@@ -14,15 +14,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any
 
 import numpy as np
+import psutil
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from bench.display import Verdict
-from bench.processes import cpu_of_ended_children, memory, running
+from bench.processes import cpu_of_ended_children, running
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import fork_server, graph
 from pushfric_ros.graph.supervisor import command
@@ -122,10 +123,10 @@ def demo(rounds: int = ROUNDS) -> Figures:
     with ExitStack() as stack:
         bare = stack.enter_context(running([sys.executable, "-c", BARE_NODE], stdout=subprocess.PIPE))
         bare.stdout.readline()
-        bare_start = _cpu_of(bare.pid)
+        bare_start = sum(psutil.Process(bare.pid).cpu_times()[:2])
         first_poses = [_started_demo(0.0)[0] for _ in range(rounds - 1)]
         first_pose, samples = _started_demo(WATCHED)
-        bare_memory = memory(bare.pid) / 1024
+        bare_memory = _memory(psutil.Process(bare.pid))
         bare_end, _ = _interrupt({"bare": bare})
     largest = max(samples, key=lambda sample: sum(sample.values()))
     return {
@@ -204,31 +205,22 @@ def _interrupt(processes: Mapping[str, "subprocess.Popen[str]"]) -> tuple[float,
 def _memory_of_family(pid: int) -> dict[str, float]:
     """Memory of a process and its descendants [MiB], by name."""
     found: dict[str, float] = {}
-    for member in _family(pid):
-        try:
-            name = _name(pathlib.Path(f"/proc/{member}/cmdline").read_text())
-            found[name] = found.get(name, 0.0) + memory(member) / 1024
-        except (FileNotFoundError, ProcessLookupError):  # it has ended since
-            continue
+    command_line = psutil.Process(pid)
+    for member in (command_line, *command_line.children(recursive=True)):
+        with suppress(psutil.NoSuchProcess):  # it has ended since
+            name = _name(" ".join(member.cmdline()))
+            found[name] = found.get(name, 0.0) + _memory(member)
     return found
+
+
+def _memory(process: psutil.Process) -> float:
+    """The proportional set size [MiB]."""
+    return float(process.memory_full_info().pss) / 2**20
 
 
 def _name(arguments: str) -> str:
     """The name of a process of the demo, from its arguments."""
     if fork_server.__name__ in arguments:
         return "fork server"
-    node = re.search(r"[ \0]__node:=(\w+)", arguments)
+    node = re.search(r" __node:=(\w+)", arguments)
     return node[1] if node is not None else "command line"
-
-
-def _family(pid: int) -> Iterator[int]:
-    yield pid
-    for task in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in task.read_text().split():
-            yield from _family(int(child))
-
-
-def _cpu_of(pid: int) -> float:
-    """CPU time of a running process [s]."""
-    words = pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
