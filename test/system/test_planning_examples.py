@@ -7,14 +7,9 @@ import sys
 
 import push_to_pose
 import pytest
-import randomised_mujoco
-import subscriber
-from calls import printed as said
 from rclpy.node import Node
 
-from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.node_kit.parameters import overrides
-from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 
@@ -29,13 +24,6 @@ def printed(name, capsys):
     return capsys.readouterr().out.splitlines()
 
 
-def test_plain_python(capsys):
-    first, second, third = printed("plain_python.py", capsys)
-    assert first.startswith("centre of friction (")
-    assert second.startswith(("sticking: vx 0.0", "sliding: vx 0.0"))
-    assert third.startswith("within ")
-
-
 def test_an_own_constraint_moves_the_weight_away(capsys):
     without, with_it = (float(re.search(r"\d\.\d\d", line)[0]) for line in printed("own_constraint.py", capsys))
     assert with_it < 0.5 * without
@@ -45,27 +33,6 @@ def test_an_own_pusher_gets_where_it_is_sent(capsys):
     *moving, last = printed("own_pusher.py", capsys)
     assert moving[0].startswith("running at ")
     assert last == "idle at 50.0 mm"
-
-
-def test_a_subscriber_prints_the_last_estimate(ros, capsys):
-    out = ros.node("estimator", namespace="/cell").create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
-    msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object="brick", pushes=3, confidence=0.002)
-    msg.spread.center_of_friction.x = 0.01
-    out.publish(msg)
-    ros.compose(subscriber.Subscriber(namespace="/cell"))
-    said = []
-    ros.wait_for(lambda: said or said.extend(capsys.readouterr().out.splitlines()), 60.0, "the estimate")
-    assert said == ["brick: p_CF (10.0, 0.0) mm from 3 pushes, off by at most 2.0 mm with 90 %"]
-
-
-def test_scenes_of_the_ensemble_differ(monkeypatch, tmp_path, capsys):
-    model = tmp_path / "model.yaml"
-    said("estimate", EXAMPLES.parent / "bags/rubber_rect4", "--save", model)
-    monkeypatch.setattr(randomised_mujoco, "LENGTH", 0.01)
-    randomised_mujoco.main([str(model), "--samples", "2"])
-    first, second, last = capsys.readouterr().out.splitlines()
-    assert first != second
-    assert last.startswith("standard deviation: (")
 
 
 def test_the_planner_brings_the_object_nearer(asking, ros, monkeypatch, tmp_path):
