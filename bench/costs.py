@@ -38,10 +38,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
     """
     progress("an observation")
     observation = _observation()
-    progress("image to estimate")
-    listener = pipeline.Listener()
-    pipeline.run(listener)
-    latency = listener.latency()
+    latency = pipeline.measure(progress)
     progress("memory of the demo")
     demo = footprint.demo(1)
     memory = dict(sorted(demo["memory_mib"].items(), key=lambda one: one[1], reverse=True))

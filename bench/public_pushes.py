@@ -15,13 +15,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from rich.box import SIMPLE
 from rich.table import Table
-from shapely.geometry import Point
 
 from bench.display import plain_tables
 from bench.paper.pushes import estimated
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
-from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
+from bench.public.strokes import STROKES, Stroke, data_points, read_strokes
 from docs.markdown import table
 from pushfric_core import (
     Estimate,
@@ -140,15 +139,16 @@ def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[s
     rows, estimates = [], []
     for number, one in enumerate(sets):
         progress(f"public pushes: {one.name}")
-        lines = _lines(one)
-        estimates.append((of_all(one), believed(one, list(lines))))
+        found = {row: line_of(stroke, one.model.outline) for row, stroke in enumerate(one.strokes)}
+        lines = {row: line for row, line in found.items() if line is not None}  # the strokes that begin at the outline
+        estimate = estimated(one.data, one.model.support_points, EstimatorConfig())[1]
+        estimates.append((estimate, believed(one, list(lines))))
         rows.append(_measured(one, *estimates[-1], lines, np.random.default_rng(number)))
     draw_errors(rows, plot)
     gallery(sets, estimates, plot.with_stem(f"{plot.stem}_gallery"))
     write_whole(plot.with_suffix(".md"), table(*_cells(rows)))
     pairs = itertools.combinations(zip(sets, estimates, strict=True), 2)
-    same = [_compared(one, other) for one, other in pairs if one[0].folder == other[0].folder]
-    return {"sets": rows, "surfaces": [pair for pair in same if pair is not None]}
+    return {"sets": rows, "surfaces": [_compared(*pair) for pair in pairs if _of_one_object(*(one for one, _ in pair))]}
 
 
 def tables(figures: Figures) -> Iterator[Table]:
@@ -173,10 +173,12 @@ def tables(figures: Figures) -> Iterator[Table]:
 Judged = tuple[PublicSet, tuple[Estimate, FrictionModel]]
 
 
-def _compared(one: Judged, other: Judged) -> Figures | None:
-    """Whether the regions of two sets of one object, on two surfaces, allow that its p_CF is the same; None: two objects."""
-    if one[0].model.name != other[0].model.name:
-        return None
+def _of_one_object(one: PublicSet, other: PublicSet) -> bool:
+    return (one.folder, one.model.name) == (other.folder, other.model.name)
+
+
+def _compared(one: Judged, other: Judged) -> Figures:
+    """Whether the regions of two sets of one object, on two surfaces, allow that its p_CF is the same."""
     (_, first), (_, second) = one[1], other[1]
     assert first.covariance is not None
     assert second.covariance is not None
@@ -286,16 +288,8 @@ def _to_outline(stroke: Stroke, outline: Outline) -> Array:
     """
     if not stroke.tip_radius:
         return np.zeros(2)
-    place = transform(inverse(stroke.before), stroke.tip_before)
-    _, (foot,), (distance,) = nearest_edges(outline, np.array((place,)))
-    outwards = -1.0 if outline.polygon.contains(Point(place)) else 1.0
-    gap = outwards * distance - stroke.tip_radius
-    return rotation(stroke.before.theta) @ np.subtract(foot, place) * (outwards * gap / max(distance, LEAST_DIVISOR))
-
-
-def of_all(one: PublicSet) -> Estimate:
-    """The estimate from all observations of a set."""
-    return estimated(one.data, one.model.support_points, EstimatorConfig())[1]
+    touch = outline.nearest(transform(inverse(stroke.before), stroke.tip_before))
+    return rotation(stroke.before.theta) @ touch.normal * (stroke.tip_radius - touch.distance)
 
 
 def believed(one: PublicSet, rows: Sequence[int]) -> FrictionModel:
@@ -303,12 +297,6 @@ def believed(one: PublicSet, rows: Sequence[int]) -> FrictionModel:
     found = believe(one.model.support_points, [step for row in rows for step in one.steps[row]])
     assert found is not None, f"{one.name}: no stroke moves the object"
     return found
-
-
-def _lines(one: PublicSet) -> dict[int, Line]:
-    """The strokes that begin at the outline, by their rows."""
-    found = ((row, line_of(stroke, one.model.outline)) for row, stroke in enumerate(one.strokes))
-    return {row: line for row, line in found if line is not None}
 
 
 def _measured(
