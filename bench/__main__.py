@@ -42,6 +42,18 @@ class Bench(PlainCommand):
         return super().parse_args(ctx, spelled_out(args))
 
 
+def _flag(name: str, text: str) -> Any:
+    return Annotated[bool, typer.Option(f"--{name}", help=text)]
+
+
+SUPPORTS = f"Number of support points (N), one of {', '.join(map(str, GRIDS))}; repeatable."
+SOAK = "Measure only whether the memory, threads and files of a running cell's nodes grow, for this long."
+PUBLIC = "Measure only what the estimates are worth on public pushes; the figure goes to --plot, the table next to it."
+COSTS = "Measure only where time and memory go, and write the tables of docs/graph.md and docs/estimation.md: 2 minutes."
+PLANNING = "Measure only what planners get: predictions, answers of the planner node, strokes in MuJoCo: 7 minutes."
+FOOTPRINT = "Measure only memory, start and end of the processes, next to a bare rclpy node: 2 minutes."
+
+
 @app.command(cls=Bench)
 def bench(
     folders: Annotated[
@@ -52,56 +64,15 @@ def bench(
         list[int] | None,
         typer.Option(help="Number of earlier observations (M); repeatable.", min=1, max=1_000_000, show_default="50 to 100000"),
     ] = None,
-    supports: Annotated[
-        list[int] | None,
-        typer.Option(
-            help=f"Number of support points (N), one of {', '.join(map(str, GRIDS))}; repeatable.", show_default="all"
-        ),
-    ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Measure only a small part, in less than a minute.")] = False,
+    supports: Annotated[list[int] | None, typer.Option(help=SUPPORTS, show_default="all")] = None,
+    quick: _flag("quick", "Measure only a small part, in less than a minute.") = False,
     plot: Annotated[pathlib.Path, typer.Option(help="With --public: write the figure to this file.")] = RUNS / "bench.png",
-    public: Annotated[
-        bool,
-        typer.Option(
-            "--public",
-            help="Measure only what the estimates are worth on the public pushes in FOLDER... The figure goes to --plot, the"
-            " table next to it.",
-        ),
-    ] = False,
-    live: Annotated[
-        bool, typer.Option("--live", help="Also measure image to estimate in the live graph, in real time: 2 minutes.")
-    ] = False,
-    footprint_only: Annotated[
-        bool,
-        typer.Option(
-            "--footprint", help="Measure only memory, start and end of the processes, next to a bare rclpy node: 2 minutes."
-        ),
-    ] = False,
-    costs_only: Annotated[
-        bool,
-        typer.Option(
-            "--costs",
-            help="Measure only where the milliseconds and the megabytes go, and write the tables of docs/graph.md and"
-            " docs/estimation.md: 2 minutes.",
-        ),
-    ] = False,
-    planning_only: Annotated[
-        bool,
-        typer.Option(
-            "--planning",
-            help="Measure only what planners get: predictions, answers of the planner node, strokes in MuJoCo: 7 minutes.",
-        ),
-    ] = False,
-    minutes: Annotated[
-        float | None,
-        typer.Option(
-            "--soak",
-            help="Measure only whether the memory, threads and files of a running cell's nodes grow, for this long.",
-            metavar="MINUTES",
-            min=0,
-            show_default=False,
-        ),
-    ] = None,
+    public: _flag("public", PUBLIC) = False,
+    live: _flag("live", "Also measure image to estimate in the live graph, in real time: 2 minutes.") = False,
+    footprint_only: _flag("footprint", FOOTPRINT) = False,
+    costs_only: _flag("costs", COSTS) = False,
+    planning_only: _flag("planning", PLANNING) = False,
+    minutes: Annotated[float | None, typer.Option("--soak", help=SOAK, metavar="MINUTES", min=0, show_default=False)] = None,
     json: JsonOption = None,
 ) -> int:
     """Measure the CPU time of one new observation, in pushfric and in other solvers of the same program.
