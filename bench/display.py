@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from rich.table import Table
+from rich.box import SIMPLE
+from rich.table import Column, Table
 
 Figures = dict[str, Any]
 
@@ -31,7 +32,7 @@ def plain_tables(title: str, figures: Figures | list[Figures]) -> Iterator[Table
     if isinstance(figures, list):
         flat = [_flattened(row) for row in figures]
         keys = list(dict.fromkeys(key for row in flat for key in row))
-        table = Table(*keys, title=title)
+        table = Table(*(Column(key, overflow="fold") for key in keys), title=title, box=SIMPLE, pad_edge=False)
         for row in flat:
             table.add_row(*(_text(row.get(key)) for key in keys))
         yield table

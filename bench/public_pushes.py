@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.box import SIMPLE
 from rich.table import Table
 
 from bench.display import plain_tables
@@ -154,18 +153,12 @@ def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[s
 def tables(figures: Figures) -> Iterator[Table]:
     """What was estimated, and how strokes were foretold, by set and folder; and the objects of two sets."""
     heads, rows = _cells(figures["sets"])
-    for title, columns in (
-        ("what was estimated [mm]", range(ESTIMATED)),
-        (
-            "strokes that were not fitted: position [mm], angle [degrees], both combined [mm]",
-            (0, *range(ESTIMATED, len(heads))),
-        ),
+    for title, shown in (
+        ("what was estimated [mm]", heads[:ESTIMATED]),
+        ("strokes that were not fitted: position [mm], angle [degrees], both combined [mm]", (heads[0], *heads[ESTIMATED:])),
     ):
-        shown = Table(*(heads[column] for column in columns), title=f"Public pushes: {title}", box=SIMPLE, pad_edge=False)
-        shown.columns[0].overflow = "fold"
-        for row in rows:
-            shown.add_row(*(row[column] for column in columns))
-        yield shown
+        lines = (dict(zip(heads, row, strict=True)) for row in rows)
+        yield from plain_tables(f"Public pushes: {title}", [{head: line[head] for head in shown} for line in lines])
     if figures["surfaces"]:
         yield from plain_tables("Public pushes: one object in two sets", figures["surfaces"])
 
@@ -417,8 +410,8 @@ def mean_errors(found: Sequence[Array], truth: Array, arm: float) -> Figures:
 
 def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
     """The heads of the table, and its lines; the last ones are of all sets of a folder."""
-    few = f"{FEW} strokes: off"
-    heads = ["set", "strokes", "program off", "p_CF off", "held", "mu_c", few, "held", "within", *CONTENDERS.values()]
+    few = (f"{FEW} strokes: off", f"{FEW} strokes: held")
+    heads = ["set", "strokes", "program off", "p_CF off", "held", "mu_c", *few, "within", *CONTENDERS.values()]
     lines = [[row["set"], f"{row['data_points']} of {row['strokes']}", *_summary([row], _mu_c(row))] for row in rows]
     for folder in dict.fromkeys(row["folder"] for row in rows):
         some = [row for row in rows if row["folder"] == folder]

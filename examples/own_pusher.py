@@ -127,16 +127,24 @@ class SlideDriver:
         return self._socket is not None and (self._report is None or self._command is not None or self._moves)
 
     def connect(self) -> None:
-        try:
+        with self._line():
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._socket.bind("")  # an address of its own
             self._socket.setblocking(False)
             self._socket.connect(self._device)
+        self._heard = self._polled = time.monotonic()
+        self.doubt, self._moves = None, False
+
+    @contextlib.contextmanager
+    def _line(self) -> Iterator[None]:
+        """What is done with the socket meanwhile fails as a pusher's line does."""
+        try:
+            yield
+        except BlockingIOError:
+            pass  # nothing more has come, or the slide has enough to answer
         except OSError as error:
             self._drop()
             raise NotConnected(f"no slide at {self._device}: {error}") from error
-        self._heard = self._polled = time.monotonic()
-        self.doubt, self._moves = None, False
 
     def close(self) -> None:
         with contextlib.suppress(NotConnected, Timeout):
@@ -185,32 +193,22 @@ class SlideDriver:
     def _hear(self, now: float) -> PusherReport | None:
         """Take all answers that have come; return the last one as a report."""
         first, fresh = self._report is None, None
-        while self._socket is not None:
-            try:
+        with self._line():
+            while self._socket is not None:
                 position, speed, stamp = self._socket.recv(200).decode().split(",")
-            except BlockingIOError:
-                break
-            except OSError as error:
-                self._drop()
-                raise NotConnected(f"lost the slide at {self._device}: {error}") from error
-            self._heard, self._moves = now, float(speed) != 0.0
-            if first and self._moves:
-                self.doubt = "it moved when it was found"
-            if self._command is not None and float(position) == self._command[0]:
-                self._command = None
-            self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp) if stamp else None)
-            fresh = self._report._replace(mode=self.mode)
+                self._heard, self._moves = now, float(speed) != 0.0
+                if first and self._moves:
+                    self.doubt = "it moved when it was found"
+                if self._command is not None and float(position) == self._command[0]:
+                    self._command = None
+                self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp) if stamp else None)
+                fresh = self._report._replace(mode=self.mode)
         return fresh
 
     def _send(self, text: str) -> None:
-        try:
-            assert self._socket is not None
+        assert self._socket is not None
+        with self._line():
             self._socket.send(text.encode())
-        except BlockingIOError:
-            pass  # it has enough to answer
-        except OSError as error:
-            self._drop()
-            raise NotConnected(f"lost the slide at {self._device}: {error}") from error
 
 
 def main() -> None:
