@@ -110,9 +110,7 @@ SHOWN = 120
 """A line of progress has at most this many characters."""
 
 HELP = """\
-usage: ./pushfric setup [--system] [--distro jazzy|kilted]
-                                       make the environment and build; --system installs missing Debian packages;
-                                       --distro is the ROS 2 to install from now on, if none is sourced (jazzy)
+usage: ./pushfric setup [--help]       the environment, with missing Debian packages (--system) or another ROS 2 (--distro)
        ./pushfric test [PYTEST ARGS]   lint, types and all tests
        ./pushfric bench [--help]       cost of an observation, compared with other solvers; accuracy; the live graph
        ./pushfric docs [--out FOLDER]  the documentation as a site

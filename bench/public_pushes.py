@@ -23,7 +23,6 @@ from bench.public.strokes import STROKES, Stroke, data_points, read_strokes
 from docs.markdown import table
 from pushfric_core import (
     Estimate,
-    EstimatorConfig,
     InvalidInput,
     NamedEllipsoid,
     Observation,
@@ -140,7 +139,7 @@ def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[s
         progress(f"public pushes: {one.name}")
         found = {row: line_of(stroke, one.model.outline) for row, stroke in enumerate(one.strokes)}
         lines = {row: line for row, line in found.items() if line is not None}  # the strokes that begin at the outline
-        estimate = estimated(one.data, one.model.support_points, EstimatorConfig())[1]
+        estimate = estimated(one.data, one.model.support_points)[1]
         estimates.append((estimate, believed(one, list(lines))))
         rows.append(_measured(one, *estimates[-1], lines, np.random.default_rng(number)))
     draw_errors(rows, plot)
@@ -210,12 +209,13 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     model = load_object(str(path.with_name(f"{name.rpartition('_')[2]}.yaml")))
     strokes = read_strokes(path)
     data = data_points(strokes, model.outline)
-    quartic: dict[tuple[float, ...], Pose | None] = {}
-    if (other := path.with_name(f"{name}{POLY4}")).is_file():
-        quartic = {_key(one): one.predicted for one in read_strokes(other)}
+    other = path.with_name(f"{name}{POLY4}")
+    quartic = {(one.before, one.tip_before): one.predicted for one in (read_strokes(other) if other.is_file() else ())}
     runs = [row if one.run is None else one.run for row, one in enumerate(strokes)]
     steps = [_steps(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
-    return PublicSet(path.parent.name, name, model, strokes, data, steps, [quartic.get(_key(one)) for one in strokes])
+    return PublicSet(
+        path.parent.name, name, model, strokes, data, steps, [quartic.get((one.before, one.tip_before)) for one in strokes]
+    )
 
 
 def _steps(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
@@ -232,11 +232,6 @@ def _steps(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
         turned = Twist(*(value / count for value in motion))
         steps.append(Observation((x, y), (nx, ny), turned, push_id, duration=1.0, stamp=step + 1, tip_velocity=(vx, vy)))
     return steps
-
-
-def _key(stroke: Stroke) -> tuple[float, ...]:
-    """By which a stroke is found in another file."""
-    return (*stroke.before, *stroke.tip_before)
 
 
 def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[Observation]) -> PublicSet:

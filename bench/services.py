@@ -26,7 +26,7 @@ from bench import pipeline
 from bench.display import Verdict
 from bench.paper import pushes
 from bench.processes import running
-from pushfric_core import TABLE_1, EstimatorConfig, friction_model
+from pushfric_core import TABLE_1, friction_model
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.estimation.verdict import Verdict as EstimateVerdict
@@ -173,7 +173,7 @@ def _crowd() -> Figures:
     name = pipeline.OBJECT
     known = TABLE_1[name]
     data = pushes.watch(name, pushes.motions(name, pushes.plan(name), 0), 0)
-    estimate = pushes.estimated(data, known.support_points, EstimatorConfig())[1]
+    estimate = pushes.estimated(data, known.support_points)[1]
     msg = friction_model_to_msg(name, known.outline, estimate, friction_model(estimate), EstimateVerdict())
     asked = question(EACH)
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
