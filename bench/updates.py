@@ -198,16 +198,12 @@ def memory(supports: Sequence[int], count: int, progress: Callable[[str], None])
         simplex = Simplex(n)
         simplex.solve()
         tracemalloc.start()
-        try:
-            before, _ = tracemalloc.get_traced_memory()
-            for group in itertools.islice(data_points(n, 0), count):
-                simplex.add(group)
-            simplex.solve()
-            gc.collect()
-            after, _ = tracemalloc.get_traced_memory()
-        finally:
-            tracemalloc.stop()
-        rows.append({"N": n, "bytes": (after - before) / count})
+        for group in itertools.islice(data_points(n, 0), count):
+            simplex.add(group)
+        simplex.solve()
+        gc.collect()
+        rows.append({"N": n, "bytes": tracemalloc.get_traced_memory()[0] / count})
+        tracemalloc.stop()
     return rows
 
 

@@ -3,6 +3,7 @@
 `python docs/pictures.py FOLDER` writes them there; it needs Chromium, and what the tests need.
 """
 
+import base64
 import io
 import os
 import pathlib
@@ -11,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from itertools import pairwise
 
 from PIL import Image
@@ -39,16 +39,27 @@ def picture(page: Page, file: pathlib.Path) -> None:
 def filmed(moving: Page, screen: Page, phone: Page, folder: pathlib.Path) -> list[tuple[float, bytes]]:
     """The images of the film with their times [s], until the run is over; meanwhile the pictures are taken."""
     frames: list[tuple[float, bytes]] = []
+    unanswered: list[int] = []
+
+    def keep(frame: dict) -> None:
+        frames.append((frame["metadata"]["timestamp"], base64.b64decode(frame["data"])))
+        unanswered.append(frame["sessionId"])
+
     moving.locator("#drawing .weight").first.wait_for(timeout=120e3)  # not while the nodes still start
+    cast = moving.context.new_cdp_session(moving)
+    cast.on("Page.screencastFrame", keep)
+    cast.send("Page.startScreencast", {"format": "png", "maxWidth": FILM[0], "maxHeight": FILM[1]})
     waiting = [(screen, folder / "view.png"), (phone, folder / "view_phone.png")]
     left = END_LOOKS
     while left > 0:
         left -= moving.locator("#result_page:not([hidden]), #now.lost").count()
-        frames.append((time.monotonic(), moving.screenshot()))
+        while unanswered:  # the next image comes when this one is answered
+            cast.send("Page.screencastFrameAck", {"sessionId": unanswered.pop()})
         if waiting and screen.locator("#rows tr").count() >= PUSHES:
             picture(*waiting.pop())
         moving.wait_for_timeout(50)
-    return frames
+    cast.send("Page.stopScreencast")
+    return sorted(frames)
 
 
 def main(folder: pathlib.Path) -> None:
