@@ -11,6 +11,7 @@ import configparser
 import contextlib
 import fcntl
 import hashlib
+import importlib.util
 import os
 import pathlib
 import re
@@ -43,7 +44,7 @@ BRIEFLY = 20  # tries, of 50 ms each, before it is said that another call sets u
 LAYOUT = 2
 """Raised when `slim` or `make_underlay` do something else: environments are then made again."""
 
-# command or file that must exist -> Debian package that contains it
+# command, file or module that must exist -> Debian package that contains it
 SYSTEM_PACKAGES = {"g++": "g++", "make": "make", "cmake": "cmake", "Python.h": "python3-dev", "ensurepip": "python3-venv"}
 
 # what colcon needs to build the workspace in a sourced ROS 2; the needs of the packages are in their setup.cfg
@@ -109,9 +110,7 @@ SHOWN = 120
 """A line of progress has at most this many characters."""
 
 HELP = """\
-usage: ./pushfric setup [--system] [--distro jazzy|kilted]
-                                       make the environment and build; --system installs missing Debian packages;
-                                       --distro is the ROS 2 to install from now on, if none is sourced (jazzy)
+usage: ./pushfric setup [--help]       the environment, with missing Debian packages (--system) or another ROS 2 (--distro)
        ./pushfric test [PYTEST ARGS]   lint, types and all tests
        ./pushfric bench [--help]       cost of an observation, compared with other solvers; accuracy; the live graph
        ./pushfric docs [--out FOLDER]  the documentation as a site
@@ -169,9 +168,7 @@ def start(arguments: list[str], underlay: str | None, situation: str) -> None:
 def main(arguments: list[str], underlay: str | None, situation: str) -> None:
     command = arguments[0] if arguments else "--help"
     if command == "setup" and arguments[1:]:
-        if not set_up_as_asked(arguments[1:], underlay):
-            print(HELP, end="", file=sys.stderr)
-            sys.exit(2)
+        set_up_as_asked(arguments[1:], underlay)
         start_again("setup")
     if COMPLETION in os.environ:
         return complete(underlay)
@@ -312,47 +309,39 @@ def check_domain() -> None:
         raise SetupError(str(error)) from error
 
 
-def set_up_as_asked(options: list[str], underlay: str | None) -> bool:
-    """Install Debian packages, and note the chosen distribution; return False if an option is unknown."""
-    distro = None
-    while options:
-        option, *options = options
-        if option == "--distro" and options and options[0] in DISTROS:
-            distro, *options = options
-        elif option != "--system":
-            return False
-        else:
-            install_system_packages()
-    if distro is not None:
+def set_up_as_asked(options: list[str], underlay: str | None) -> None:
+    """Install Debian packages, and note the chosen distribution."""
+    import argparse  # takes longer to load than `stop` may take
+
+    parser = argparse.ArgumentParser(prog="./pushfric setup", description="Make the environment and build the workspace.")
+    parser.add_argument("--system", action="store_true", help="install missing Debian packages")
+    parser.add_argument("--distro", choices=DISTROS, help="the ROS 2 to install from now on, if none is sourced (jazzy)")
+    asked = parser.parse_args(options)
+    if asked.system:
+        install_system_packages()
+    if asked.distro is not None:
         if underlay is not None:
             raise SetupError("a ROS 2 is sourced, and used; --distro is for a shell without one")
         BUILT.mkdir(exist_ok=True)
-        CHOICE.write_text(distro)
-    return True
+        CHOICE.write_text(asked.distro)
 
 
 def missing_system_packages() -> list[str]:
-    missing = [package for tool, package in list(SYSTEM_PACKAGES.items())[:3] if shutil.which(tool) is None]
-    if not (pathlib.Path(sysconfig.get_path("include")) / "Python.h").exists():
-        missing.append(SYSTEM_PACKAGES["Python.h"])
-    try:
-        import ensurepip  # noqa: F401
-    except ImportError:
-        missing.append(SYSTEM_PACKAGES["ensurepip"])
-    return missing
+    header = pathlib.Path(sysconfig.get_path("include"), "Python.h")
+    there = {tool: shutil.which(tool) for tool in ("g++", "make", "cmake")}
+    there |= {"Python.h": header.exists(), "ensurepip": importlib.util.find_spec("ensurepip")}
+    return [package for tool, package in SYSTEM_PACKAGES.items() if not there[tool]]
 
 
 def install_system_packages() -> None:
-    missing = missing_system_packages()
-    if not missing:
+    if not (missing := missing_system_packages()):
         return
     if shutil.which("apt-get") is None or os.geteuid() != 0:
         raise SetupError(f"installing {' '.join(missing)} needs apt-get and root; install them with your package manager")
     environment = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
+    install = ["apt-get", "install", "-y", "-qq", "--no-install-recommends", *missing]
     run(["apt-get", "update", "-qq"], "updating the lists of packages", environment)
-    run(
-        ["apt-get", "install", "-y", "-qq", "--no-install-recommends", *missing], f"installing {' '.join(missing)}", environment
-    )
+    run(install, f"installing {' '.join(missing)}", environment)
 
 
 def make_venv(command: str) -> list[pathlib.Path]:

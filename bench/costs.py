@@ -19,8 +19,6 @@ from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.messages.conversions import estimate_to_msg
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-STEPS = 3
-
 ROUNDS = 7
 """Number of times that all observations are taken."""
 
@@ -40,10 +38,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
     """
     progress("an observation")
     observation = _observation()
-    progress("image to estimate")
-    listener = pipeline.Listener()
-    pipeline.run(listener)
-    latency = listener.latency()
+    latency = pipeline.measure(progress)
     progress("memory of the demo")
     demo = footprint.demo(1)
     memory = dict(sorted(demo["memory_mib"].items(), key=lambda one: one[1], reverse=True))

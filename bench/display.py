@@ -1,9 +1,10 @@
 """The results as tables."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from rich.table import Table
+from rich.box import SIMPLE
+from rich.table import Column, Table
 
 Figures = dict[str, Any]
 
@@ -20,15 +21,10 @@ class Verdict(NamedTuple):
     def at_most(cls, target: str, limit: float, measured: float) -> "Verdict":
         return cls(target, f"<= {limit:g}", measured, measured <= limit)
 
-
-def verdict_table(verdicts: Iterable[Verdict]) -> Table:
-    table = Table(title="Targets")
-    for heading in ("target", "asked", "measured", ""):
-        table.add_column(heading, justify="left" if heading == "target" else "right")
-    for target, asked, measured, met in verdicts:
-        mark = "[green]met[/]" if met else "[red]missed[/]"
-        table.add_row(target, asked, *(("-", "not measured") if measured is None else (short(measured), mark)))
-    return table
+    def row(self) -> Figures:
+        """As a line of a table."""
+        mark = "not measured" if self.measured is None else "[green]met[/]" if self.met else "[red]missed[/]"
+        return {"target": self.target, "asked": self.asked, "measured": self.measured, "": mark}
 
 
 def plain_tables(title: str, figures: Figures | list[Figures]) -> Iterator[Table]:
@@ -36,44 +32,16 @@ def plain_tables(title: str, figures: Figures | list[Figures]) -> Iterator[Table
     if isinstance(figures, list):
         flat = [_flattened(row) for row in figures]
         keys = list(dict.fromkeys(key for row in flat for key in row))
-        table = Table(*keys, title=title)
+        table = Table(*(Column(key, overflow="fold") for key in keys), title=title, box=SIMPLE, pad_edge=False)
         for row in flat:
             table.add_row(*(_text(row.get(key)) for key in keys))
         yield table
         return
-    lists = {key for key, value in figures.items() if isinstance(value, list)}
-    if lists < figures.keys():
-        table = Table("figure", "measured", title=title)
-        for key, value in _flattened({key: value for key, value in figures.items() if key not in lists}).items():
-            table.add_row(key, _text(value))
-        yield table
-    for key in figures:
-        if key in lists:
-            yield from plain_tables(f"{title}: {key}", figures[key])
-
-
-def pivot_table(
-    title: str, rows: Iterable[Figures], across: str, value: str, **summaries: Callable[[list[float]], Any]
-) -> Table:
-    """A column for each `across` that holds `value`, and a line for each combination of all other keys.
-
-    Args:
-        title: of the table.
-        rows: each with the same keys.
-        across: a key.
-        value: a key.
-        summaries: further columns, each a function of the values of a line.
-    """
-    lines: dict[tuple[tuple[str, str], ...], dict[str, float]] = {}
-    for row in rows:
-        rest = tuple((key, str(one)) for key, one in row.items() if key not in (across, value))
-        lines.setdefault(rest, {})[str(row[across])] = row[value]
-    columns = list(dict.fromkeys(column for values in lines.values() for column in values))
-    table = Table(*(key for key, _ in next(iter(lines), ())), *columns, *summaries, title=title)
-    for rest, values in lines.items():
-        cells = [*(values.get(column) for column in columns), *(of(list(values.values())) for of in summaries.values())]
-        table.add_row(*(one for _, one in rest), *map(_text, cells))
-    return table
+    lists = {key: value for key, value in figures.items() if isinstance(value, list)}
+    if rest := _flattened({key: value for key, value in figures.items() if key not in lists}):
+        yield from plain_tables(title, [{"figure": key, "measured": value} for key, value in rest.items()])
+    for key, rows in lists.items():
+        yield from plain_tables(f"{title}: {key}", rows)
 
 
 def _flattened(figures: Figures, before: str = "") -> Figures:
@@ -85,13 +53,9 @@ def _flattened(figures: Figures, before: str = "") -> Figures:
 
 
 def _text(value: Any) -> str:
+    """Of a number at least three digits, without an exponent."""
     if isinstance(value, list):
         return ", ".join(map(_text, value))
-    if value is None:
-        return "-"
-    return short(value) if isinstance(value, float) else str(value)
-
-
-def short(value: float) -> str:
-    """At least three digits, without an exponent."""
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+    if isinstance(value, float):
+        return f"{value:.0f}" if value >= 100 else f"{value:.3g}"
+    return "-" if value is None else str(value)

@@ -1,6 +1,6 @@
 """The footprint of the processes: memory of the demo, CPU time of two commands, how long nodes take to start and to end.
 
-The same run measures the same figures of a bare rclpy node: one publisher, one subscription, nothing else.
+The same run measures the memory of a bare rclpy node: one publisher, one subscription, nothing else.
 
 Memory is the proportional set size: a page that several processes share is divided among them.
 """
@@ -13,16 +13,17 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from typing import Any
 
 import numpy as np
+import psutil
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from bench.display import Verdict
-from bench.processes import cpu_of_ended_children, memory, running
+from bench.processes import cpu_of_ended_children, running
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import fork_server, graph
 from pushfric_ros.graph.supervisor import command
@@ -40,21 +41,15 @@ EVENT_TIMEOUT = 60.0
 """How long nodes may take to appear and to end [s]."""
 
 ROUNDS = 5
-STEPS = 6
-
 BARE_NODE = """
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from std_msgs.msg import String
 rclpy.init()
 node = rclpy.create_node("bare")
 publisher = node.create_publisher(String, "bare_out", 10)
 subscription = node.create_subscription(String, "bare_in", lambda _: None, 10)
 print("ready", flush=True)
-try:
-    rclpy.spin(node)
-except (KeyboardInterrupt, ExternalShutdownException):
-    pass
+rclpy.spin(node)
 """
 
 Figures = dict[str, Any]
@@ -65,10 +60,9 @@ def measure(progress: Callable[[str], None]) -> Figures:
 
     Returns:
         "memory_mib": of each process of the demo and their "total"; "bare_memory_mib". "help_cpu_s" and "estimate_cpu_s":
-        medians; "bare_start_cpu_s": until a bare node is ready. "first_pose_s": median time from the start of the command
-        line's process.
-        "end_s": from SIGINT to the end of the last process, of a bare node ("bare"), of the estimator ("alone"), of all six
-        nodes ("together") and of these while every core is busy ("together_busy"); "end_codes": exit codes other than 0.
+        medians. "first_pose_s": median time from the start of the command line's process.
+        "end_s": from SIGINT to the end of the last process, of the estimator ("alone"), of all six nodes ("together") and of
+        these while every core is busy ("together_busy"); "end_codes": exit codes other than 0.
     """
     progress("help")
     help_cpu = _cpu([ROOT / "pushfric", "--help"])
@@ -86,7 +80,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
         **started,
         "help_cpu_s": help_cpu,
         "estimate_cpu_s": estimate_cpu,
-        "end_s": started["end_s"] | ends,
+        "end_s": ends,
         "end_codes": codes,
     }
 
@@ -119,23 +113,19 @@ def demo(rounds: int = ROUNDS) -> Figures:
     """Start the demo several times; run the last one until its memory is known, with a bare node next to it.
 
     Returns:
-        "memory_mib", "bare_memory_mib", "bare_start_cpu_s", "first_pose_s" and "end_s" of a bare node, as `measure`.
+        "memory_mib", "bare_memory_mib" and "first_pose_s", as `measure`.
     """
     with ExitStack() as stack:
         bare = stack.enter_context(running([sys.executable, "-c", BARE_NODE], stdout=subprocess.PIPE))
         bare.stdout.readline()
-        bare_start = _cpu_of(bare.pid)
         first_poses = [_started_demo(0.0)[0] for _ in range(rounds - 1)]
         first_pose, samples = _started_demo(WATCHED)
-        bare_memory = memory(bare.pid) / 1024
-        bare_end, _ = _interrupt({"bare": bare})
+        bare_memory = _memory(psutil.Process(bare.pid))
     largest = max(samples, key=lambda sample: sum(sample.values()))
     return {
         "memory_mib": largest | {"total": sum(largest.values())},
         "bare_memory_mib": bare_memory,
-        "bare_start_cpu_s": bare_start,
         "first_pose_s": float(np.median([*first_poses, first_pose])),
-        "end_s": {"bare": bare_end},
     }
 
 
@@ -191,46 +181,32 @@ def _end(names: tuple[str, ...], busy: bool) -> tuple[float, dict[str, int]]:
         if busy:
             for _ in range(2 * (os.cpu_count() or 1)):
                 stack.enter_context(running([sys.executable, "-c", "while True: pass"]))
-        return _interrupt(processes)
-
-
-def _interrupt(processes: Mapping[str, "subprocess.Popen[str]"]) -> tuple[float, dict[str, int]]:
-    """Interrupt all at once, as a terminal does; return how long the last one took to end [s], and the exit codes."""
-    begin = time.monotonic()
-    for process in processes.values():
-        process.send_signal(signal.SIGINT)
-    codes = {name: process.wait(EVENT_TIMEOUT) for name, process in processes.items()}
-    return time.monotonic() - begin, codes
+        begin = time.monotonic()
+        for process in processes.values():  # all at once, as a terminal does
+            process.send_signal(signal.SIGINT)
+        codes = {name: process.wait(EVENT_TIMEOUT) for name, process in processes.items()}
+        return time.monotonic() - begin, codes
 
 
 def _memory_of_family(pid: int) -> dict[str, float]:
     """Memory of a process and its descendants [MiB], by name."""
     found: dict[str, float] = {}
-    for member in _family(pid):
-        try:
-            name = _name(pathlib.Path(f"/proc/{member}/cmdline").read_text())
-            found[name] = found.get(name, 0.0) + memory(member) / 1024
-        except (FileNotFoundError, ProcessLookupError):  # it has ended since
-            continue
+    command_line = psutil.Process(pid)
+    for member in (command_line, *command_line.children(recursive=True)):
+        with suppress(psutil.NoSuchProcess):  # it has ended since
+            name = _name(" ".join(member.cmdline()))
+            found[name] = found.get(name, 0.0) + _memory(member)
     return found
+
+
+def _memory(process: psutil.Process) -> float:
+    """The proportional set size [MiB]."""
+    return float(process.memory_full_info().pss) / 2**20
 
 
 def _name(arguments: str) -> str:
     """The name of a process of the demo, from its arguments."""
     if fork_server.__name__ in arguments:
         return "fork server"
-    node = re.search(r"[ \0]__node:=(\w+)", arguments)
+    node = re.search(r" __node:=(\w+)", arguments)
     return node[1] if node is not None else "command line"
-
-
-def _family(pid: int) -> Iterator[int]:
-    yield pid
-    for task in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in task.read_text().split():
-            yield from _family(int(child))
-
-
-def _cpu_of(pid: int) -> float:
-    """CPU time of a running process [s]."""
-    words = pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")

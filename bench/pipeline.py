@@ -14,14 +14,11 @@ import tempfile
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
@@ -34,12 +31,10 @@ from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import Supervisor
+from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE
 
 OBJECT = "rubber_rect4"
-CAMERA_RATE = 14.0
-"""The cell's own frame rate [Hz]."""
-
 AFTERWARDS = 2.5
 """How long to wait for the last estimates after the plan [s]."""
 
@@ -48,9 +43,6 @@ LATCHED = QoSProfile(depth=5000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 Figures = dict[str, Any]
-
-
-STEPS = 1
 
 
 def measure(progress: Callable[[str], None]) -> Figures:
@@ -113,53 +105,23 @@ class Listener:
         return {"estimates": len(seen), "p99_ms": tail, **medians}
 
 
-def run(
-    listener: Listener,
-    seconds: float = math.inf,
-    changed: Callable[[list[NodeSpec]], list[NodeSpec]] = list,
-    heard: Callable[[str, str], None] = lambda name, line: None,
-) -> None:
-    """Run the cell in real time until its plan is finished, or until frames have come for this many seconds.
+def run(listener: Listener, changed: Callable[[list[NodeSpec]], list[NodeSpec]] = list) -> None:
+    """Run the cell in real time until its plan is finished.
 
     Args:
         listener: hears of the run.
-        seconds: infinite: until the plan is finished.
         changed: makes other nodes of the cell's.
-        heard: called from threads with what the nodes print.
     """
-    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, _executor() as (executor, node):
-        cell = demo_cell(OBJECT, Path(folder))
-        specs = graph.simulated_cell(cell, f"{folder}/bag", seed=0, speed=1.0)
-        listener.subscribe(node)
-        said: list[str] = []
-
-        def say(name: str, line: str) -> None:
-            said.append(f"{name}: {line}")
-            heard(name, line)
-
-        begin, cpu_before = time.monotonic(), cpu_of_ended_children()
-        with Supervisor(changed(specs), graph.NAMESPACE, say) as supervisor:
-            until = None
-            while until is None or time.monotonic() < until:
-                executor.spin_once(timeout_sec=0.05)
-                ended = supervisor.poll()
-                if ended is not None and ended.code:
-                    raise RuntimeError("\n".join([*said[-5:], ended.reason]))
-                if until is None and (ended or len(listener.poses) >= seconds * CAMERA_RATE):
+    said: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, visit("bench", graph.NAMESPACE) as here:
+        specs = graph.simulated_cell(demo_cell(OBJECT, Path(folder)), f"{folder}/bag", seed=0, speed=1.0)
+        listener.subscribe(here.node)
+        begin, cpu_before, ended, until = time.monotonic(), cpu_of_ended_children(), None, math.inf
+        with Supervisor(changed(specs), graph.NAMESPACE, lambda name, line: said.append(f"{name}: {line}")) as supervisor:
+            while time.monotonic() < until:
+                here.spin_once(0.05)
+                if ended is None and (ended := supervisor.poll()) is not None:
                     until = time.monotonic() + AFTERWARDS
+                    if ended.code:
+                        raise RuntimeError("\n".join([*said[-5:], ended.reason]))
         listener.cores = (cpu_of_ended_children() - cpu_before) / (time.monotonic() - begin)
-
-
-@contextmanager
-def _executor() -> Iterator[tuple[SingleThreadedExecutor, Node]]:
-    context = rclpy.Context()
-    rclpy.init(context=context, args=[])
-    node = Node("bench", namespace=graph.NAMESPACE, context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-    try:
-        yield executor, node
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown(context=context)

@@ -1,7 +1,5 @@
 """Processes that a benchmark starts, and what they use."""
 
-import pathlib
-import re
 import resource
 import subprocess
 from collections.abc import Iterator
@@ -23,11 +21,3 @@ def cpu_of_ended_children() -> float:
     """CPU time of this process's children that have ended, and of theirs [s]."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime
-
-
-def memory(pid: int, kind: str = "Pss") -> float:
-    """Memory of a process [kB]: the proportional set size, in which shared pages are divided, or "Rss"."""
-    text = pathlib.Path(f"/proc/{pid}/smaps_rollup").read_text()
-    found = re.search(rf"^{kind}:\s+(\d+) kB", text, re.MULTILINE)
-    assert found is not None
-    return float(found[1])

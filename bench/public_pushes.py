@@ -13,19 +13,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.box import SIMPLE
 from rich.table import Table
-from shapely.geometry import Point
 
 from bench.display import plain_tables
 from bench.paper.pushes import estimated
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
-from bench.public.strokes import STROKES, Stroke, data_points, nearest_edges, read_strokes
+from bench.public.strokes import STROKES, Stroke, data_points, read_strokes
 from docs.markdown import table
 from pushfric_core import (
     Estimate,
-    EstimatorConfig,
     InvalidInput,
     NamedEllipsoid,
     Observation,
@@ -140,32 +137,27 @@ def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[s
     rows, estimates = [], []
     for number, one in enumerate(sets):
         progress(f"public pushes: {one.name}")
-        lines = _lines(one)
-        estimates.append((of_all(one), believed(one, list(lines))))
+        found = {row: line_of(stroke, one.model.outline) for row, stroke in enumerate(one.strokes)}
+        lines = {row: line for row, line in found.items() if line is not None}  # the strokes that begin at the outline
+        estimate = estimated(one.data, one.model.support_points)[1]
+        estimates.append((estimate, believed(one, list(lines))))
         rows.append(_measured(one, *estimates[-1], lines, np.random.default_rng(number)))
     draw_errors(rows, plot)
     gallery(sets, estimates, plot.with_stem(f"{plot.stem}_gallery"))
     write_whole(plot.with_suffix(".md"), table(*_cells(rows)))
     pairs = itertools.combinations(zip(sets, estimates, strict=True), 2)
-    same = [_compared(one, other) for one, other in pairs if one[0].folder == other[0].folder]
-    return {"sets": rows, "surfaces": [pair for pair in same if pair is not None]}
+    return {"sets": rows, "surfaces": [_compared(*pair) for pair in pairs if _of_one_object(*(one for one, _ in pair))]}
 
 
 def tables(figures: Figures) -> Iterator[Table]:
     """What was estimated, and how strokes were foretold, by set and folder; and the objects of two sets."""
     heads, rows = _cells(figures["sets"])
-    for title, columns in (
-        ("what was estimated [mm]", range(ESTIMATED)),
-        (
-            "strokes that were not fitted: position [mm], angle [degrees], both combined [mm]",
-            (0, *range(ESTIMATED, len(heads))),
-        ),
+    for title, shown in (
+        ("what was estimated [mm]", heads[:ESTIMATED]),
+        ("strokes that were not fitted: position [mm], angle [degrees], both combined [mm]", (heads[0], *heads[ESTIMATED:])),
     ):
-        shown = Table(*(heads[column] for column in columns), title=f"Public pushes: {title}", box=SIMPLE, pad_edge=False)
-        shown.columns[0].overflow = "fold"
-        for row in rows:
-            shown.add_row(*(row[column] for column in columns))
-        yield shown
+        lines = (dict(zip(heads, row, strict=True)) for row in rows)
+        yield from plain_tables(f"Public pushes: {title}", [{head: line[head] for head in shown} for line in lines])
     if figures["surfaces"]:
         yield from plain_tables("Public pushes: one object in two sets", figures["surfaces"])
 
@@ -173,10 +165,12 @@ def tables(figures: Figures) -> Iterator[Table]:
 Judged = tuple[PublicSet, tuple[Estimate, FrictionModel]]
 
 
-def _compared(one: Judged, other: Judged) -> Figures | None:
-    """Whether the regions of two sets of one object, on two surfaces, allow that its p_CF is the same; None: two objects."""
-    if one[0].model.name != other[0].model.name:
-        return None
+def _of_one_object(one: PublicSet, other: PublicSet) -> bool:
+    return (one.folder, one.model.name) == (other.folder, other.model.name)
+
+
+def _compared(one: Judged, other: Judged) -> Figures:
+    """Whether the regions of two sets of one object, on two surfaces, allow that its p_CF is the same."""
     (_, first), (_, second) = one[1], other[1]
     assert first.covariance is not None
     assert second.covariance is not None
@@ -215,12 +209,13 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     model = load_object(str(path.with_name(f"{name.rpartition('_')[2]}.yaml")))
     strokes = read_strokes(path)
     data = data_points(strokes, model.outline)
-    quartic: dict[tuple[float, ...], Pose | None] = {}
-    if (other := path.with_name(f"{name}{POLY4}")).is_file():
-        quartic = {_key(one): one.predicted for one in read_strokes(other)}
+    other = path.with_name(f"{name}{POLY4}")
+    quartic = {(one.before, one.tip_before): one.predicted for one in (read_strokes(other) if other.is_file() else ())}
     runs = [row if one.run is None else one.run for row, one in enumerate(strokes)]
     steps = [_steps(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
-    return PublicSet(path.parent.name, name, model, strokes, data, steps, [quartic.get(_key(one)) for one in strokes])
+    return PublicSet(
+        path.parent.name, name, model, strokes, data, steps, [quartic.get((one.before, one.tip_before)) for one in strokes]
+    )
 
 
 def _steps(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
@@ -237,11 +232,6 @@ def _steps(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
         turned = Twist(*(value / count for value in motion))
         steps.append(Observation((x, y), (nx, ny), turned, push_id, duration=1.0, stamp=step + 1, tip_velocity=(vx, vy)))
     return steps
-
-
-def _key(stroke: Stroke) -> tuple[float, ...]:
-    """By which a stroke is found in another file."""
-    return (*stroke.before, *stroke.tip_before)
 
 
 def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[Observation]) -> PublicSet:
@@ -286,16 +276,8 @@ def _to_outline(stroke: Stroke, outline: Outline) -> Array:
     """
     if not stroke.tip_radius:
         return np.zeros(2)
-    place = transform(inverse(stroke.before), stroke.tip_before)
-    _, (foot,), (distance,) = nearest_edges(outline, np.array((place,)))
-    outwards = -1.0 if outline.polygon.contains(Point(place)) else 1.0
-    gap = outwards * distance - stroke.tip_radius
-    return rotation(stroke.before.theta) @ np.subtract(foot, place) * (outwards * gap / max(distance, LEAST_DIVISOR))
-
-
-def of_all(one: PublicSet) -> Estimate:
-    """The estimate from all observations of a set."""
-    return estimated(one.data, one.model.support_points, EstimatorConfig())[1]
+    touch = outline.nearest(transform(inverse(stroke.before), stroke.tip_before))
+    return rotation(stroke.before.theta) @ touch.normal * (stroke.tip_radius - touch.distance)
 
 
 def believed(one: PublicSet, rows: Sequence[int]) -> FrictionModel:
@@ -303,12 +285,6 @@ def believed(one: PublicSet, rows: Sequence[int]) -> FrictionModel:
     found = believe(one.model.support_points, [step for row in rows for step in one.steps[row]])
     assert found is not None, f"{one.name}: no stroke moves the object"
     return found
-
-
-def _lines(one: PublicSet) -> dict[int, Line]:
-    """The strokes that begin at the outline, by their rows."""
-    found = ((row, line_of(stroke, one.model.outline)) for row, stroke in enumerate(one.strokes))
-    return {row: line for row, line in found if line is not None}
 
 
 def _measured(
@@ -429,8 +405,8 @@ def mean_errors(found: Sequence[Array], truth: Array, arm: float) -> Figures:
 
 def _cells(rows: Sequence[Figures]) -> tuple[list[str], list[list[str]]]:
     """The heads of the table, and its lines; the last ones are of all sets of a folder."""
-    few = f"{FEW} strokes: off"
-    heads = ["set", "strokes", "program off", "p_CF off", "held", "mu_c", few, "held", "within", *CONTENDERS.values()]
+    few = (f"{FEW} strokes: off", f"{FEW} strokes: held")
+    heads = ["set", "strokes", "program off", "p_CF off", "held", "mu_c", *few, "within", *CONTENDERS.values()]
     lines = [[row["set"], f"{row['data_points']} of {row['strokes']}", *_summary([row], _mu_c(row))] for row in rows]
     for folder in dict.fromkeys(row["folder"] for row in rows):
         some = [row for row in rows if row["folder"] == folder]

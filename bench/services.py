@@ -18,10 +18,11 @@ from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
 
-from bench import pipeline, planning
+from bench import pipeline
 from bench.display import Verdict
 from bench.paper import pushes
 from bench.processes import running
@@ -37,8 +38,6 @@ from pushfric_ros.messages.conversions import MODEL_TOPIC, friction_model_to_msg
 from pushfric_ros.node_kit.planner_client import planner_client
 from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.node_kit.visit import visit
-
-STEPS = 2
 
 RATE = 20.0
 """How often the client asks about one push [Hz]."""
@@ -64,6 +63,18 @@ def question(count: int) -> PredictPush.Request:
     return PredictPush.Request(
         contact_points=points.ravel(), contact_normals=normals.ravel(), tip_velocities=velocities.ravel()
     )
+
+
+def timed(client: Client, request: PredictPush.Request, answers: list[float]) -> Future:
+    """Ask; once a push is predicted, note how long that took [ms]. There is no estimate before the first observation."""
+    begin, future = time.perf_counter(), client.call_async(request)
+
+    def on_answer(answer: Future) -> None:
+        if answer.result().success:
+            answers.append(1e3 * (time.perf_counter() - begin))
+
+    future.add_done_callback(on_answer)
+    return future
 
 
 def measure(progress: Callable[[str], None]) -> Figures:
@@ -105,7 +116,7 @@ class _Planner(pipeline.Listener):
         super().__init__(images=False)
         self._pushes: dict[int, int] = {}  # push_id of each pusher state
         self._now: str | None = None  # kind of the present push
-        self._busy = False  # MANY pushes are being answered
+        self._pending: Future | None = None  # the last answer about MANY pushes
         self._answers: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [ms]
         self._answers_to_many: list[float] = []  # [ms]
         self._gaps: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [s]
@@ -136,22 +147,9 @@ class _Planner(pipeline.Listener):
     def _ask(self) -> None:
         if self._now not in ("asked", "loaded") or not self._client.service_is_ready():
             return
-        begin, kind = time.perf_counter(), self._now
-        done = self._client.call_async(self._one)
-        done.add_done_callback(lambda answer: self._on_answer(begin, self._answers[kind], answer))
-        if kind == "loaded" and not self._busy:
-            self._busy = True
-            begin_many = time.perf_counter()
-            many = self._greedy.call_async(self._many)
-            many.add_done_callback(lambda answer: self._on_answer_to_many(begin_many, answer))
-
-    def _on_answer(self, begin: float, answers: list[float], answer: Future) -> None:
-        if answer.result().success:  # there is no estimate before the first observation
-            answers.append(1e3 * (time.perf_counter() - begin))
-
-    def _on_answer_to_many(self, begin: float, answer: Future) -> None:
-        self._busy = False
-        self._on_answer(begin, self._answers_to_many, answer)
+        timed(self._client, self._one, self._answers[self._now])
+        if self._now == "loaded" and (self._pending is None or self._pending.done()):
+            self._pending = timed(self._greedy, self._many, self._answers_to_many)
 
     def _on_heartbeat(self, msg: Heartbeat, info: dict[str, Any]) -> None:
         if not msg.node.endswith("/estimator"):
@@ -174,7 +172,8 @@ def _crowd() -> Figures:
     """Many clients of a planner that has only its topic."""
     name = pipeline.OBJECT
     known = TABLE_1[name]
-    estimate = planning.estimated(name, pushes.plan(name)[: planning.PUSHES], 0)
+    data = pushes.watch(name, pushes.motions(name, pushes.plan(name), 0), 0)
+    estimate = pushes.estimated(data, known.support_points)[1]
     msg = friction_model_to_msg(name, known.outline, estimate, friction_model(estimate), EstimateVerdict())
     asked = question(EACH)
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
@@ -186,31 +185,22 @@ def _crowd() -> Figures:
         names = [f"planner/predict_push/client_{number}" for number in range(CLIENTS)]
         clients = [here.node.create_client(PredictPush, name) for name in names]
 
-        def spin(done: Callable[[], bool], patience: float = PATIENCE) -> None:
-            deadline = time.monotonic() + patience
+        def spin(done: Callable[[], bool]) -> None:
+            deadline = time.monotonic() + PATIENCE
             while not done() and time.monotonic() < deadline:
                 here.spin_once(0.05)
 
         spin(lambda: all(client.service_is_ready() for client in clients))
-        ready: list[Future] = []
-        while not (ready and ready[-1].done() and ready[-1].result().success):  # it has the model
-            ready.append(clients[0].call_async(asked))
-            spin(ready[-1].done)
+        answers: list[float] = []  # [ms]
+        while not answers:  # until it has the model
+            spin(timed(clients[0], asked, answers).done)
+        answers.clear()
         at_once = [client.call_async(asked) for _ in range(AT_ONCE // CLIENTS) for client in clients]
         spin(lambda: all(answer.done() for answer in at_once))
-        answers: list[float] = []  # [ms]
 
-        def ask(client: Any, left: int) -> None:
-            begin = time.perf_counter()
-
-            def on_answer(answer: Future) -> None:
-                if not answer.result().success:
-                    raise RuntimeError(f"the planner refused a request: {answer.result().message}")
-                answers.append(1e3 * (time.perf_counter() - begin))
-                if left > 1:
-                    ask(client, left - 1)
-
-            client.call_async(asked).add_done_callback(on_answer)
+        def ask(client: Client, left: int) -> None:
+            if left:
+                timed(client, asked, answers).add_done_callback(lambda _: ask(client, left - 1))
 
         for client in clients:
             ask(client, TIMES)

@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 
 from bench.display import Verdict
-from bench.planning import spread
 from bench.public_pushes import Line
 from pushfric_core import TABLE_1, Outline, PushingLine, Support, export, predict_strokes
 from pushfric_core.geometry.planar import Array, Pose
@@ -32,8 +31,6 @@ GUESS = 0.3
 """A mu_c that nobody has measured."""
 
 OBJECTS = tuple(TABLE_1)
-STEPS = len(OBJECTS)
-
 Figures = dict[str, Any]
 
 
@@ -104,7 +101,11 @@ def measure(progress: Callable[[str], None]) -> Figures:
         scenes = {"exported": model, "without a model": uniform(known.outline, GUESS)}
         for scene, shown in scenes.items():
             apart, turned = distances(exported(known.outline, shown, TIP_RADIUS), model, known.outline, chosen)
-            rows.append({"object": name, "scene": scene, **spread(mm=1e3 * apart, deg=np.degrees(turned))})
+            found = {"object": name, "scene": scene}
+            for unit, values in (("mm", 1e3 * apart), ("deg", np.degrees(turned))):
+                median, most = np.percentile(values, (50, 90)).tolist()
+                found |= {f"median_{unit}": median, f"p90_{unit}": most}
+            rows.append(found)
     return {"strokes": rows}
 
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import psutil
 import yaml
 from mcap.reader import make_reader
 
-from bench.processes import memory
 from pushfric_core import PushfricError
 from pushfric_core.bags.contents import mcap_file
 from pushfric_core.cell.node_settings import PlanConfig
@@ -25,8 +25,6 @@ OBJECT, SPEED = "rubber_rect4", 5.0
 
 PUSHES = 120
 """Pushes planned for each minute: more than there is time for."""
-
-STEPS = None
 
 PERIOD = 2.0
 """Time between samples [s]."""
@@ -112,10 +110,10 @@ def failures(figures: dict[str, Any]) -> list[str]:
     ]
 
 
-def _figures(pid: int) -> tuple[float, float, float]:
+def _figures(pid: int) -> tuple[float, int, int]:
     """Resident memory [kB], number of threads and of open files of a process."""
-    threads, files = (len(list(pathlib.Path(f"/proc/{pid}/{what}").iterdir())) for what in ("task", "fd"))
-    return memory(pid, "Rss"), float(threads), float(files)
+    process = psutil.Process(pid)
+    return process.memory_info().rss / 1024, process.num_threads(), process.num_fds()
 
 
 def _growth(node: str, samples: np.ndarray, keeps: float) -> Iterator[Growth]:

@@ -72,13 +72,10 @@ def front_page() -> str:
     return (ROOT / "docs/index.md").read_text(encoding="utf-8") + "".join(contents)
 
 
-def as_here(text: str) -> str:
-    """A page from the folder above, with links as they are from this one."""
-    return text.replace("](docs/", "](").replace("](CONTRIBUTING.md)", "](contributing.md)")
-
-
 def contributing() -> str:
-    return as_here((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+    """The page from the folder above, with links as they are from this one."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    return text.replace("](docs/", "](").replace("](CONTRIBUTING.md)", "](contributing.md)")
 
 
 def commands() -> str:

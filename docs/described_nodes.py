@@ -52,27 +52,20 @@ def describe() -> list[Description]:
 def _starts(folder: pathlib.Path) -> Iterator[Start]:
     name = "rubber_rect4"
     cell = demo_cell(name, folder)
-    assert cell.camera is not None
-    assert cell.pusher is not None
     camera = {"calibration": cell.camera.calibration}
     picture, bag = folder / "picture.png", folder / "bag"
     cv2.imwrite(str(picture), np.zeros((480, 640), np.uint8))
     with BagWriter(bag) as writer:
         writer.add_topic(f"{NAMESPACE}/anything", OF_THE_BAG, [], type_hash(OF_THE_BAG), definition(OF_THE_BAG))
         writer.write(f"{NAMESPACE}/anything", 1, EMPTY)
-    sources: dict[str, dict[str, Any]] = {
-        "`source: compressed`": {"source": "compressed"},
-        "a device as `source`": {"source": f"{folder}/*.png"},
-    }
-    kinds: dict[str, dict[str, Any]] = {
-        "`force` or `force_angle` in `terms`": {"terms": ["moment", "force"]},
-        "`source: observations`": {"source": "observations"},
-    }
+    sources = {"`source: compressed`": {"source": "compressed"}, "a device as `source`": {"source": f"{folder}/*.png"}}
+    terms = {"`force` or `force_angle` in `terms`": {"terms": ["moment", "force"]}}
+    kinds = {**terms, "`source: observations`": {"source": "observations"}}
+    guards = {"`enable_timeout`": {"enable_timeout": 1.0}, "`max_force`": {"max_force": 1.0}}
     pusher, stage = settings.merged((cell.pusher, cell.driver)), settings.plain(cell.pusher.stage)
     yield Start("tracker", {"object": name, **camera, "source": "topic"}, sources)
     yield Start("pose_source", {}, {})
     yield Start("tip_source", {"object": name, "tip_radius": 0.003}, {})
-    guards: dict[str, dict[str, Any]] = {"`enable_timeout`": {"enable_timeout": 1.0}, "`max_force`": {"max_force": 1.0}}
     yield Start("actuator", pusher, guards)
     yield Start("estimator", {"object": name}, kinds)
     yield Start("planner", {}, {})

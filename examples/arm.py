@@ -16,14 +16,17 @@ import math
 from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
+from geometry_msgs.msg import Point, PoseStamped, Quaternion, Transform, TransformStamped, TwistStamped, Vector3
+from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.node import Node
 from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
 
 from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.geometry.planar import Pose, transform
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import LATCHED, NEWEST, RELIABLE
@@ -72,20 +75,14 @@ def words(numbers: np.ndarray) -> str:
     return " ".join(map(str, numbers))
 
 
-def turn(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Rotation matrix (Rodrigues)."""
-    x, y, z = axis
-    k = np.array(((0, -z, y), (z, 0, -x), (-y, x, 0)))
-    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
-
-
 def forward(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The flange's place [m] and axes, and the Jacobian (6, 6): its velocity and rotational velocity for that of each joint."""
     place, axes, hinges = np.zeros(3), np.eye(3), []
-    for offset, axis, angle in zip(OFFSETS, AXES, joints, strict=True):
+    turns = Rotation.from_rotvec(AXES * joints[:, None]).as_matrix()
+    for offset, axis, turn in zip(OFFSETS, AXES, turns, strict=True):
         place = place + axes @ offset
         hinges.append((place, axes @ axis))
-        axes = axes @ turn(axis, angle)
+        axes = axes @ turn
     place = place + axes @ FLANGE
     return place, axes, np.array([(*np.cross(about, place - at), *about) for at, about in hinges]).T
 
@@ -94,18 +91,14 @@ def backward(place: np.ndarray, axes: np.ndarray, joints: np.ndarray) -> np.ndar
     """The joints with the flange at a place, from others that are near (Newton)."""
     for _ in range(100):
         here, now, jacobian = forward(joints)
-        off = axes @ now.T
-        turned = 0.5 * np.array((off[2, 1] - off[1, 2], off[0, 2] - off[2, 0], off[1, 0] - off[0, 1]))
+        turned = Rotation.from_matrix(axes @ now.T).as_rotvec()
         joints = joints + np.clip(np.linalg.solve(jacobian, np.array((*(place - here), *turned))), -0.3, 0.3)
     return joints
 
 
 def at_first() -> np.ndarray:
     """The joints with the tip at TIP."""
-    x, y, angle = TABLE
-    c, s = math.cos(angle), math.sin(angle)
-    place = np.array((x + c * TIP[0] - s * TIP[1], y + s * TIP[0] + c * TIP[1], TOOL + ABOVE))
-    return backward(place, DOWN, ELBOW_UP)
+    return backward(np.array((*transform(Pose(*TABLE), TIP), TOOL + ABOVE)), DOWN, ELBOW_UP)
 
 
 def stamp_of(msg: Any) -> float:
@@ -186,20 +179,13 @@ class Arm(Node):
             self.joints = np.clip(self.joints + self._speeds * seconds, -REACH, REACH)
 
     def _publish(self, place: np.ndarray, axes: np.ndarray) -> None:
-        msg = TransformStamped(child_frame_id="tool0")
-        msg.header.frame_id, msg.header.stamp = "base_link", stamp_to_msg(round(1e9 * self._now))
-        # the flange always points down, more or less: its axes are about those of half a turn about x
-        w = 0.5 * math.sqrt(max(0.0, 1 + axes[0, 0] - axes[1, 1] - axes[2, 2]))
-        x, y, z = w, (axes[0, 1] + axes[1, 0]) / (4 * w), (axes[0, 2] + axes[2, 0]) / (4 * w)
-        rotation, translation = msg.transform.rotation, msg.transform.translation
-        rotation.x, rotation.y, rotation.z, rotation.w = x, y, z, (axes[2, 1] - axes[1, 2]) / (4 * w)
-        translation.x, translation.y, translation.z = map(float, place)
-        pose = PoseStamped(header=msg.header)
-        pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = map(float, place)
-        pose.pose.orientation = rotation
-        self._pose_out.publish(pose)
-        self._joints_out.publish(JointState(header=msg.header, name=NAMES, position=self.joints.tolist()))
-        self._broadcaster.broadcast(msg)
+        header = Header(frame_id="base_link", stamp=stamp_to_msg(round(1e9 * self._now)))
+        at = dict(zip("xyz", place.tolist(), strict=True))
+        turn = Quaternion(**dict(zip("xyzw", Rotation.from_matrix(axes).as_quat().tolist(), strict=True)))
+        self._pose_out.publish(PoseStamped(header=header, pose=PoseMsg(position=Point(**at), orientation=turn)))
+        self._joints_out.publish(JointState(header=header, name=NAMES, position=self.joints.tolist()))
+        frame = Transform(translation=Vector3(**at), rotation=turn)
+        self._broadcaster.broadcast(TransformStamped(header=header, child_frame_id="tool0", transform=frame))
 
 
 if __name__ == "__main__":

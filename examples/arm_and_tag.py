@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Point, PoseStamped, Quaternion
+from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from std_msgs.msg import Header
 
 from pushfric_core import TABLE_1, Pose, PushedObject, PushingLine
 from pushfric_core.geometry.planar import compose, transform
+from pushfric_ros.messages.conversions import stamp_to_msg
 
 NAME = "wood_rect4"
 RATE = 30.0  # frames of the detector, and three times as many poses of the tool [Hz]
@@ -27,16 +30,11 @@ TOOL = 0.12  # from the flange to the tip, which points down [m]
 PUSHES = ((0, -0.03), (0, 0.02), (1, 0.01), (2, 0.03), (2, -0.02), (3, -0.01))  # edge, and offset from its middle [m]
 
 
-def paths(rng: np.random.Generator) -> Iterator[tuple[int, float, float, float]]:
-    """Edge, offset [m], bend of the path [rad] and speed [m/s] of each push."""
-    for edge, offset in PUSHES:
-        yield edge, offset, rng.uniform(-0.6, 0.6), rng.uniform(0.01, 0.03)
-
-
 def motion(seed: int) -> Iterator[tuple[bool, Pose, np.ndarray]]:
     """At three times RATE: whether the detector takes a frame, the object's pose, and the tip's place on the table (2,) [m]."""
     rng, known = np.random.default_rng(seed), TABLE_1[NAME]
-    for edge, offset, bend, speed in paths(rng):
+    for edge, offset in PUSHES:
+        bend, speed = rng.uniform(-0.6, 0.6), rng.uniform(0.01, 0.03)  # of the path [rad], [m/s]
         pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.05, 0.02, rng.uniform(-1, 1)))
         start, normal = known.outline.vertices[edge] + known.outline.edges[edge] / 2, known.outline.normals[edge]
         start = start + offset * known.outline.edges[edge] / known.outline.lengths[edge] + (TIP_RADIUS + 0.02) * normal
@@ -86,14 +84,9 @@ class ArmAndTag(Node):
         return True
 
     def _publish(self, out: Any, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
-        msg = PoseStamped()
-        msg.header.frame_id = "base_link"
-        msg.header.stamp.sec, msg.header.stamp.nanosec = divmod(self._stamp, 10**9)
-        for name, value in zip("xyz", position, strict=True):
-            setattr(msg.pose.position, name, float(value))
-        for name, value in zip("xyzw", quaternion, strict=True):
-            setattr(msg.pose.orientation, name, value)
-        out.publish(msg)
+        place, turn = dict(zip("xyz", position, strict=True)), dict(zip("xyzw", quaternion, strict=True))
+        header = Header(frame_id="base_link", stamp=stamp_to_msg(self._stamp))
+        out.publish(PoseStamped(header=header, pose=PoseMsg(position=Point(**place), orientation=Quaternion(**turn))))
 
 
 def main() -> None:

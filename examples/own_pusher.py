@@ -30,6 +30,7 @@ from pushfric_core.pushers.pusher import (
     PusherConfig,
     PusherReport,
     Timeout,
+    drive,
 )
 from pushfric_core.settings import REQUIRED, check_ranges, setting
 
@@ -126,23 +127,29 @@ class SlideDriver:
         return self._socket is not None and (self._report is None or self._command is not None or self._moves)
 
     def connect(self) -> None:
-        try:
+        with self._line():
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._socket.bind("")  # an address of its own
             self._socket.setblocking(False)
             self._socket.connect(self._device)
+        self._heard = self._polled = time.monotonic()
+        self.doubt, self._moves = None, False
+
+    @contextlib.contextmanager
+    def _line(self) -> Iterator[None]:
+        """What is done with the socket meanwhile fails as a pusher's line does."""
+        try:
+            yield
+        except BlockingIOError:
+            pass  # nothing more has come, or the slide has enough to answer
         except OSError as error:
             self._drop()
             raise NotConnected(f"no slide at {self._device}: {error}") from error
-        self._heard = self._polled = time.monotonic()
-        self.doubt, self._moves = None, False
 
     def close(self) -> None:
         with contextlib.suppress(NotConnected, Timeout):
             self.stop()
-            while self.busy:
-                self.poll(0)
-                time.sleep(0.005)
+            drive(self)
         self._drop()
 
     def _drop(self) -> None:
@@ -186,32 +193,22 @@ class SlideDriver:
     def _hear(self, now: float) -> PusherReport | None:
         """Take all answers that have come; return the last one as a report."""
         first, fresh = self._report is None, None
-        while self._socket is not None:
-            try:
+        with self._line():
+            while self._socket is not None:
                 position, speed, stamp = self._socket.recv(200).decode().split(",")
-            except BlockingIOError:
-                break
-            except OSError as error:
-                self._drop()
-                raise NotConnected(f"lost the slide at {self._device}: {error}") from error
-            self._heard, self._moves = now, float(speed) != 0.0
-            if first and self._moves:
-                self.doubt = "it moved when it was found"
-            if self._command is not None and float(position) == self._command[0]:
-                self._command = None
-            self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp) if stamp else None)
-            self._report = fresh = self._report._replace(mode=self.mode)
+                self._heard, self._moves = now, float(speed) != 0.0
+                if first and self._moves:
+                    self.doubt = "it moved when it was found"
+                if self._command is not None and float(position) == self._command[0]:
+                    self._command = None
+                self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp) if stamp else None)
+                fresh = self._report._replace(mode=self.mode)
         return fresh
 
     def _send(self, text: str) -> None:
-        try:
-            assert self._socket is not None
+        assert self._socket is not None
+        with self._line():
             self._socket.send(text.encode())
-        except BlockingIOError:
-            pass  # it has enough to answer
-        except OSError as error:
-            self._drop()
-            raise NotConnected(f"lost the slide at {self._device}: {error}") from error
 
 
 def main() -> None:
@@ -219,18 +216,12 @@ def main() -> None:
         Slide(f"{folder}/slide").start()
         slide = SlideDriver(f"{folder}/slide")
         slide.connect()
-        while slide.busy:
-            slide.poll()
+        drive(slide)
         slide.move_to(0.05, speed=0.1)
-        told, report = 0.0, None
         while slide.busy:
-            report = slide.poll(time.monotonic_ns()) or report
-            if report is not None and slide.busy and time.monotonic() > told:
-                print(f"{report.mode.value} at {1e3 * report.position:.1f} mm, {1e3 * report.speed:.0f} mm/s")
-                told = time.monotonic() + 0.1
-            time.sleep(0.005)
-        assert report is not None
-        print(f"{slide.mode.value} at {1e3 * report.position:.1f} mm")
+            if (report := slide.poll(time.monotonic_ns())) is not None:
+                print(f"{report.mode.value} at {1e3 * report.position:.1f} mm")
+            time.sleep(0.05)
 
 
 if __name__ == "__main__":

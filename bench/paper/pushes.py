@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.public.zhou2015 import CORNERS, GRID
 from pushfric_core import Estimate, Observation, Outline, PushedObject, PushfricError, PushingLine, Support
-from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
+from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, even_pushes, placement
 from pushfric_core.geometry.planar import Array, Pose, wrap
 from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1, PoseNoise
@@ -218,9 +218,9 @@ def eight_places(outline: Outline, rng: np.random.Generator) -> list[PlannedPush
     return [PlannedPush(int(edge), float(rng.uniform(-0.42, 0.42) * outline.lengths[edge])) for edge in edges]
 
 
-def estimated(data: Iterable[Observation], points: Array, config: EstimatorConfig) -> tuple[Estimator, Estimate]:
+def estimated(data: Iterable[Observation], points: Array) -> tuple[Estimator, Estimate]:
     """The estimator after all observations, and its estimate."""
-    estimator = Estimator(points, config)
+    estimator = Estimator(points)
     for observation in data:
         with contextlib.suppress(PushfricError):  # the estimator refuses this observation, as in a live run
             estimator.add(observation)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.paper.pushes import NOISES, Frames, Studied, estimated, filmed, moved
-from pushfric_core import EstimatorConfig, Observation, Pose, Support
+from pushfric_core import Observation, Pose, Support
 from pushfric_core.estimation.push_plan import even_pushes
 from pushfric_core.geometry.planar import Array
 
@@ -81,7 +81,7 @@ def summary(runs: Sequence[Mapping[str, Verdict]]) -> dict[str, dict[str, int | 
 
 def _screened(data: Iterable[Observation], points: Array) -> tuple[set[int], bool]:
     """The pushes that are left out at the end, and whether the object is said to be another one."""
-    estimator, estimate = estimated(data, points, EstimatorConfig(screening=True))
+    estimator, estimate = estimated(data, points)
     return {one.push_id for one in estimator.rejected}, estimate.judgement.doubts.change is not None
 
 

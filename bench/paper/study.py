@@ -20,7 +20,7 @@ from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed,
 from bench.paper.tables import table_of
 from bench.public.zhou2015 import object_on, read_push_points
 from bench.public_pushes import center_off
-from pushfric_core import TABLE_1, Estimate, EstimatorConfig, InvalidInput, Observation
+from pushfric_core import TABLE_1, InvalidInput, Observation
 from pushfric_core.commands.console import console, say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
@@ -73,7 +73,7 @@ def run_seed(seed: int) -> dict[str, Any]:
         rng = np.random.default_rng((seed, 100 + number))
         pushes = even_pushes(known.outline, known.pushes) + slipping_pushes(known.outline, (0, 2))
         data = filmed(known.outline, moved(of_table_1(name), pushes, rng), known.noise, rng)
-        mu_c = _estimate(data, known.support_points).mu_c
+        mu_c = estimated(data, known.support_points)[1].mu_c
         if mu_c is not None:
             found["mu_c"][name] = {"truth": known.mu_c, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high}
     return found
@@ -143,13 +143,9 @@ def _cells(
             yield f"{name}/{plan}/{noise}", _found(data, studied.support_points, studied.support.center_of_friction)
 
 
-def _estimate(data: Iterable[Observation], points: Array, terms: tuple[str, ...] = ("moment",)) -> Estimate:
-    return estimated(data, points, EstimatorConfig(terms=terms))[1]
-
-
-def _found(data: Iterable[Observation], points: Array, truth: Array, terms: tuple[str, ...] = ("moment",)) -> Numbers:
+def _found(data: Iterable[Observation], points: Array, truth: Array) -> Numbers:
     """Errors of an estimate [mm], and its own figures for them; `given` is false if it has none."""
-    estimate = _estimate(data, points, terms)
+    _, estimate = estimated(data, points)
     belief = estimate.belief
     covariance = None if belief is None else belief.covariance
     error = float(np.hypot(*(estimate.center_of_friction - truth)))
@@ -196,17 +192,16 @@ def _within(runs: Sequence[Numbers]) -> Numbers:
 
 
 def _real(logs: dict[str, list[Observation]]) -> Numbers:
-    """Random choices of pushes from each log, without and with their forces."""
+    """Random choices of pushes from each log."""
     points = object_on("triangle").support_points
     cells: Numbers = {}
-    for terms in (("moment",), ("moment", "force")):
-        for size in SIZES:
-            runs = []
-            for number, data in enumerate(logs.values()):
-                rng = np.random.default_rng((number, size))
-                for _ in range(SUBSETS if len(data) >= size else 0):
-                    chosen = sorted(rng.permutation(len(data))[:size].tolist())
-                    runs.append(_found([data[index] for index in chosen], points, REAL_CENTER, terms))
-            if runs:
-                cells[f"{size} pushes, {terms[-1]}"] = _summary(runs)
+    for size in SIZES:
+        runs = []
+        for number, data in enumerate(logs.values()):
+            rng = np.random.default_rng((number, size))
+            for _ in range(SUBSETS if len(data) >= size else 0):
+                chosen = sorted(rng.permutation(len(data))[:size].tolist())
+                runs.append(_found([data[index] for index in chosen], points, REAL_CENTER))
+        if runs:
+            cells[f"{size} pushes"] = _summary(runs)
     return cells

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.public.strokes import Imported, Stroke, leaving_out, nearest_edges, save_model, save_set
+from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_set
 from pushfric_core import InvalidInput, Outline
 from pushfric_core.files.disk import make_folder
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
@@ -67,8 +67,7 @@ def _surface(path: pathlib.Path) -> str:
 def _with_radius(strokes: Sequence[Stroke], outline: Outline) -> list[Stroke]:
     """The strokes with the radius of the tip: its distance from the outline, in the median over begins and ends."""
     ends = [end for one in strokes for end in ((one.before, one.tip_before), (one.after, one.tip_after))]
-    places = np.array([transform(inverse(pose), tip) for pose, tip in ends])
-    radius = float(np.median(nearest_edges(outline, places)[2]))
+    radius = float(np.median(outline.distances_to([transform(inverse(pose), tip) for pose, tip in ends])))
     return [stroke._replace(tip_radius=radius) for stroke in strokes]
 
 

@@ -143,17 +143,14 @@ def _observation(index: int, numbers: Iterator[float], outline: Outline) -> Obse
     x, y, heading = tool_at(middle).tolist()
     pose = compose(before, exp(motion, 0.5))
     tip = transform(inverse(pose), (x, y))
-    # the foot of the perpendicular on the nearest edge
-    gaps = np.sum((tip - outline.vertices) * outline.normals, axis=1)
-    edge = int(np.argmax(gaps))
-    contact = tip - gaps[edge] * outline.normals[edge]
-    if abs(gaps[edge]) > LARGEST_GAP or not outline.contains(contact) or not any(motion) or not pressed.any():
+    touch = outline.nearest(tip)
+    if touch.edge is None or abs(touch.distance) > LARGEST_GAP or not any(motion) or not pressed.any():
         return None
     # the tip's places in the object's frame at first touch and at the end: its motion there adds to the contact's motion
     travel = transform(inverse(after), tool_at(end)[:2]) - transform(inverse(before), tool_at(touched)[:2])
-    velocity = velocity_at(motion, contact) + travel
+    velocity = velocity_at(motion, touch.point) + travel
     force = rotation(heading - pose.theta) @ (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
-    at, normal, pushed, moved = ((float(x), float(y)) for x, y in (contact, outline.normals[edge], force, velocity))
+    at, normal, pushed, moved = ((float(x), float(y)) for x, y in (touch.point, touch.normal, force, velocity))
     stamp = round(middle * SECOND)
     return Observation(at, normal, motion, index, stamp=stamp, pose=pose, force=pushed, tip_velocity=moved)
 

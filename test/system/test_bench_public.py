@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from bench import public_pushes, simulators
-from bench.__main__ import _each_named
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
 from bench.public.strokes import STROKES, USUAL_RADIUS, Stroke, read_strokes, save_strokes
@@ -88,12 +87,6 @@ def test_the_real_triangles_are_rolled_out_from_a_table_and_from_bags(real_pushe
 def test_folders_without_sets_are_refused(tmp_path):
     with pytest.raises(InvalidInput, match="expected what `import` writes"):
         sets_in(tmp_path)
-
-
-def test_an_option_may_take_several_folders():
-    given = ["--quick", "--public", "a", "b", "--json=-", "c"]
-    assert _each_named(given) == ["--quick", "--public", "a", "--public", "b", "--json=-", "c"]
-    assert _each_named(["--json=-"]) == ["--json=-"]
 
 
 def test_the_ellipse_holds_the_label_of_real_sets(mit_pushes, real_pushes):

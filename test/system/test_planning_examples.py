@@ -5,18 +5,11 @@ import re
 import runpy
 import sys
 
-import around_obstacle
-import numpy as np
 import push_to_pose
 import pytest
-import randomised_mujoco
-import subscriber
-from calls import printed as said
 from rclpy.node import Node
 
-from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.node_kit.parameters import overrides
-from pushfric_ros.node_kit.qos import LATCHED
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 
@@ -31,13 +24,6 @@ def printed(name, capsys):
     return capsys.readouterr().out.splitlines()
 
 
-def test_plain_python(capsys):
-    first, second, third = printed("plain_python.py", capsys)
-    assert first.startswith("centre of friction (")
-    assert second.startswith(("sticking: vx 0.0", "sliding: vx 0.0"))
-    assert third.startswith("within ")
-
-
 def test_an_own_constraint_moves_the_weight_away(capsys):
     without, with_it = (float(re.search(r"\d\.\d\d", line)[0]) for line in printed("own_constraint.py", capsys))
     assert with_it < 0.5 * without
@@ -49,82 +35,13 @@ def test_an_own_pusher_gets_where_it_is_sent(capsys):
     assert last == "idle at 50.0 mm"
 
 
-def test_a_subscriber_prints_the_last_estimate(ros, capsys):
-    out = ros.node("estimator", namespace="/cell").create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
-    msg = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object="brick", pushes=3, confidence=0.002)
-    msg.spread.center_of_friction.x = 0.01
-    out.publish(msg)
-    ros.compose(subscriber.Subscriber(namespace="/cell"))
-    said = []
-    ros.wait_for(lambda: said or said.extend(capsys.readouterr().out.splitlines()), 60.0, "the estimate")
-    assert said == ["brick: p_CF (10.0, 0.0) mm from 3 pushes, off by at most 2.0 mm with 90 %"]
-
-
-def test_the_way_around_the_obstacle_is_the_shortest():
-    radius = around_obstacle.RADIUS + np.hypot(*around_obstacle.OUTLINE.size) / 2
-    goal, middle = around_obstacle.GOAL[:2], around_obstacle.OBSTACLE
-    seen, hidden = goal + (0.02, 0.1), 2 * middle - goal
-    straight, bent = around_obstacle.way(np.array((seen, hidden)))
-    assert straight == pytest.approx(np.hypot(0.02, 0.1))
-    far = np.hypot(*(goal - middle))
-    tangent, turn = np.sqrt(far**2 - radius**2), np.pi - 2 * np.arccos(radius / far)
-    assert bent == pytest.approx(2 * tangent + radius * turn)
-
-
-def test_a_sampling_planner_nears_the_goal_with_the_planner_node(ros, monkeypatch):
-    for name, value in {"ROLLOUTS": 48, "ROUNDS": 2, "STEP": 0.01, "FIRST": 3}.items():
-        monkeypatch.setattr(around_obstacle, name, value)
-
-    class Patient(around_obstacle.Cell):
-        """Asks only once the model knows all observations: here no stroke takes any time."""
-
-        newest = 0
-
-        def learn(self, observations):
-            super().learn(observations)
-            self.newest = max((self.newest, *(one.stamp for one in observations)))
-
-        def ends(self, poses, strokes):
-            newest, self.newest = self.newest, 0
-            if newest:
-                self.settle(newest, poses[0])
-            return super().ends(poses, strokes)
-
-    monkeypatch.setattr(around_obstacle, "Cell", Patient)
-    given = {"object": around_obstacle.NAME, "source": "observations"}
-    parameters = overrides(given)
-    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=parameters), PlannerNode(namespace="/cell"))
-    node = Node("around_obstacle", namespace="/cell")
-    outcome = around_obstacle.reach(node, strokes=6, seed=1, pace=0.0)
-    node.destroy_node()
-    assert len(outcome.errors) == 7
-    assert outcome.rounds
-    assert outcome.errors[-1] < outcome.errors[3]
-    assert min(outcome.clearances) > 0
-
-
-def test_scenes_of_the_ensemble_differ(monkeypatch, tmp_path, capsys):
-    model = tmp_path / "model.yaml"
-    said("estimate", EXAMPLES.parent / "bags/rubber_rect4", "--save", model)
-    monkeypatch.setattr(randomised_mujoco, "LENGTH", 0.01)
-    randomised_mujoco.main([str(model), "--samples", "2"])
-    first, second, last = capsys.readouterr().out.splitlines()
-    assert first != second
-    assert last.startswith("standard deviation: (")
-
-
-def test_the_planner_brings_the_object_nearer(ros, monkeypatch, tmp_path):
-    small = {"STROKES": 4, "CANDIDATES": 40, "REFINEMENTS": (0.1, 0.03), "FARTHEST": (0.03, 0.03, 0.3)}
+def test_the_planner_brings_the_object_nearer(asking, ros, monkeypatch, tmp_path):
+    small = {"STROKES": 4, "CANDIDATES": 40, "REFINEMENTS": (0.1, 0.03), "FARTHEST": (0.03, 0.03, 0.3), "STEP": 0.015}
     for name, value in small.items():
         monkeypatch.setattr(push_to_pose, name, value)
     parameters = overrides({"object": "wood_rect4", "source": "observations"})
-    planners = [PlannerNode(namespace=f"/{name}") for name in push_to_pose.TOLD]
-    ros.compose(EstimatorNode(namespace="/learned", parameter_overrides=parameters), *planners)
-    nodes = {name: Node("push_to_pose", namespace=f"/{name}") for name in push_to_pose.TOLD}
-    cells = {name: push_to_pose.Cell(node, "wood_rect4", 0.015) for name, node in nodes.items()}
-    courses = push_to_pose.run(cells, [0])
-    for node in nodes.values():
-        node.destroy_node()
+    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=parameters), PlannerNode(namespace="/cell"))
+    courses = push_to_pose.run(asking("/cell"), "wood_rect4", [0])
     assert list(courses) == ["learned", "even", "true"]
     for (course,) in courses.values():
         assert course.poses[0] == courses["true"][0].poses[0]
@@ -136,25 +53,24 @@ def test_the_planner_brings_the_object_nearer(ros, monkeypatch, tmp_path):
 
 
 @pytest.fixture
-def cell():
-    """A function that makes a cell, its node not spun by others."""
+def asking(ros):
+    """A function that makes a node that others do not spin."""
     nodes = []
 
-    def made(name, namespace):
-        nodes.append(Node(f"planner_of_{name}", namespace=namespace))
-        return push_to_pose.Cell(nodes[-1], name, 0.015)
+    def made(namespace):
+        nodes.append(Node("push_to_pose", namespace=namespace))
+        return nodes[-1]
 
     yield made
     for node in nodes:
         node.destroy_node()
 
 
-def test_a_node_that_is_missing_is_named(cell, ros, monkeypatch):
+def test_a_node_that_is_missing_is_named(asking, ros, monkeypatch):
     monkeypatch.setattr(push_to_pose, "PATIENCE", 0.5)
-    with pytest.raises(SystemExit, match="error: no planner in /even: start the nodes as the first lines"):
-        cell("wood_rect3", "/even").wait(learns=False)
-    ros.compose(PlannerNode(namespace="/learned"))
-    learning = cell("wood_rect3", "/learned")
-    ros.wait_for(learning._strokes.service_is_ready, what="the planner")
-    with pytest.raises(SystemExit, match="error: no estimator in /learned: start the nodes as the first lines"):
-        learning.wait()
+    with pytest.raises(SystemExit, match="error: no planner in /elsewhere: start the nodes as the first lines"):
+        push_to_pose.LearningPlanner(asking("/elsewhere"), "wood_rect3")
+    ros.compose(PlannerNode(namespace="/cell"))
+    monkeypatch.setattr(push_to_pose, "PATIENCE", 5.0)
+    with pytest.raises(SystemExit, match="error: no estimator in /cell: start the nodes as the first lines"):
+        push_to_pose.LearningPlanner(asking("/cell"), "wood_rect3")
