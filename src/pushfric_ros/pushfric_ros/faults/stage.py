@@ -1,4 +1,4 @@
-"""The stage of a rehearsal with any driver: the processes, and the truth as the actuator publishes it."""
+"""The stage of faults with any driver: the processes, and the truth as the actuator publishes it."""
 
 import bisect
 import contextlib
@@ -6,7 +6,6 @@ import os
 import pathlib
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +19,8 @@ from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, Pus
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
 from pushfric_msgs.msg import PusherState
+from pushfric_ros.faults.fault import EndedEarly, Fault, Otherwise, tried
+from pushfric_ros.faults.processes import MARKER, PROGRAM, end, words_of
 from pushfric_ros.graph.fork_server import die_with_parent
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import command
@@ -34,15 +35,10 @@ BACK = 10.0  # a pusher that has come back is heard where it began within this l
 EVENT_TIMEOUT = 180.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
 RESET_AGAIN = 2.0  # until a reset that was not enough is repeated [s]
-TRIES = 5  # of what a busy machine may interrupt
 
 
 class NotRehearsed(PushfricError):
     """The rehearsal cannot go on."""
-
-
-class EndedEarly(PushfricError):
-    """A push ended before its fault was caused: on a busy machine, the controller may seem silent."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +79,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.given, self.say = given, say
         self.namespace = f"/rehearsal_{os.getpid()}"
         self.heard: list[Heard] = []
+        self.first = 0  # the first report since the stage was ready, its index
         self.states: list[tuple[float, PusherState]] = []  # published, and of when
         self.broken_out: float | None = None  # where the pusher left the stroke, if it did [m]
         self.actuator: subprocess.Popen[str] | None = None
@@ -91,6 +88,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.position = 0.0  # where the rehearsal began, as the driver counts it [m]
         self._changes: dict[str, Any] = {}  # of the actuator's settings, for one fault
         self._started = 0.0  # the present actuator, when
+        self._again = 0.0  # when a service may be called once more
         self._leaving = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
@@ -255,11 +253,14 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     @contextlib.contextmanager
     def driver(self, look: bool = False) -> Iterator[Pusher]:
         """The driver alone, in this process, connected; to `look` only, if it can."""
-        config, driver = self.config()
-        with contextlib.closing(driver.open_pusher(config)) as pusher:
+        with contextlib.closing(self._pusher(look)) as pusher:
             pusher.connect()
             drive(pusher)
             yield pusher
+
+    def _pusher(self, look: bool) -> Pusher:
+        config, driver = self.config()
+        return driver.open_pusher(config)
 
     def config(self) -> tuple[PusherConfig, PusherDriver]:
         """The settings of the actuator: those of any cell, except for the place."""
@@ -281,6 +282,16 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         if self.actuator is not None:
             end(self.actuator)
             self.actuator = None
+
+    @contextlib.contextmanager
+    def set_up(self) -> Iterator[Self]:
+        """The stage, made `ready` for a fault."""
+        self.ready()
+        self.first = len(self.heard)
+        try:
+            yield self
+        except NoAnswer as error:
+            raise Otherwise(str(error)) from error
 
     def ready(self) -> None:
         """Have an actuator that accepts pushes, and the pusher where the rehearsal began.
@@ -318,18 +329,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         Raises:
             NotRehearsed: the actuator does not become ready.
         """
-        again = 0.0
 
         def idle() -> bool:
-            nonlocal again
-            if self.mode() == PusherState.MODE_IDLE:
-                return True
-            if self.mode() in (PusherState.MODE_ALARM, PusherState.MODE_HOLD) and time.monotonic() > again:
-                with contextlib.suppress(NoAnswer):
-                    self.person.call("actuator/reset")
-                again = time.monotonic() + RESET_AGAIN
+            waits = self.mode() in (PusherState.MODE_ALARM, PusherState.MODE_HOLD)
+            if waits and self.insist("actuator/reset"):
                 self.states.clear()
-            return False
+            return self.mode() == PusherState.MODE_IDLE
 
         try:
             self.wait(idle, "the actuator to be ready")
@@ -337,25 +342,27 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             last = (self.log.read_text(errors="replace").strip().splitlines() or ["nothing"])[-1]
             raise NotRehearsed(f"{error}; it said last: {last}") from error
 
-    def push(self) -> None:
-        """Start another process, which owns a push over the whole reach."""
-        way, speed = self.reach, self.given.speed
-        self.client = self.process(
-            [sys.executable, "-m", "pushfric_core", "jog", "--namespace", self.namespace, "--speed", f"{speed}", f"{way}"]
-        )
+    def insist(self, service: str) -> bool:
+        """Call a service as a person does who sees that once was not enough; whether it was called now."""
+        if time.monotonic() < self._again:
+            return False
+        with contextlib.suppress(NoAnswer):
+            self.person.call(service)
+        self._again = time.monotonic() + RESET_AGAIN
+        return True
 
     def under_way(self, share: float = MID_PUSH) -> None:
-        """Start a push, and wait until it has covered this share of the reach.
+        """Have another process, which owns it, push over the whole reach; wait until this share of it is covered.
 
         Raises:
             EndedEarly: the push ended before.
             NotRehearsed: the push does not begin, or the pusher left its stroke.
         """
-        self.push()
-        assert self.client is not None
-        self.wait(lambda: self.along() > share * self.reach or self.client.poll() is not None, "the push")  # type: ignore
-        if self.client.poll() is not None:
-            raise EndedEarly(f"the push ended before the fault: {words_of(self.client)}")
+        way = ("--namespace", self.namespace, "--speed", f"{self.given.speed}", f"{self.reach}")
+        self.client = client = self.process((*PROGRAM, "jog", *way))
+        self.wait(lambda: self.along() > share * self.reach or client.poll() is not None, "the push")
+        if client.poll() is not None:
+            raise EndedEarly(f"the push ended before the fault: {words_of(client)}")
 
     def mode(self) -> int | None:
         """The mode that the present actuator published last; None if it has published none."""
@@ -386,6 +393,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             stdout=output,
             stderr=subprocess.STDOUT,
             text=True,
+            env=os.environ | {MARKER: str(self.folder)},
             start_new_session=True,
             preexec_fn=partial(die_with_parent, signal.SIGTERM),
         )
@@ -409,15 +417,11 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         """Leave everything as it was; return what could not be restored.
 
         Raises:
-            NotRehearsed, EndedEarly: as `ready` does, when it was tried as often as a fault is.
+            NotRehearsed: as `ready` does, or it was tried as often as a fault is.
         """
-        for left in reversed(range(TRIES)):
-            try:
-                self.ready()
-                break
-            except EndedEarly:
-                if not left:
-                    raise
+        back = tried(Fault("the way back", lambda stage: None, lambda stage, begin, found: None), self.set_up)
+        if back.problem is not None:
+            raise NotRehearsed(back.problem)
         self._end_processes()
         return []
 
@@ -439,18 +443,3 @@ def pusher_position(pusher: Pusher) -> float:
             raise NotRehearsed("the controller reports no position")
         time.sleep(0.003)
     return report.position
-
-
-def words_of(process: "subprocess.Popen[str]") -> str:
-    """The last line that an ended process printed."""
-    assert process.stdout is not None
-    return (process.stdout.read().strip().splitlines() or ["nothing"])[-1]
-
-
-def end(process: "subprocess.Popen[str]") -> None:
-    """Ask a process to end, then kill it."""
-    for number, seconds in ((signal.SIGCONT, 0.0), (signal.SIGTERM, 8.0), (signal.SIGKILL, 8.0)):
-        if process.poll() is None:
-            process.send_signal(number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(seconds)

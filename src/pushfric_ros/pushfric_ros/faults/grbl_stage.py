@@ -1,4 +1,4 @@
-"""The stage of a rehearsal with a GRBL controller: a line that can fail, and the truth as the controller reports it.
+"""The stage of faults with a GRBL controller: a line that can fail, and the truth as the controller reports it.
 
 A whole cell may play on it: its own command line, experiment, tracker and estimator, with a rendered camera.
 """
@@ -7,15 +7,13 @@ import contextlib
 import json
 import pathlib
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.pushers.grbl import INCH, Grbl
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
-from pushfric_core.pushers.pusher import PusherConfig, drive
+from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import AXES
@@ -23,9 +21,10 @@ from pushfric_core.settings import plain
 from pushfric_core.simulated.faulty_line import FaultyLine
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_msgs.msg import PlanProgress, PusherState
-from pushfric_ros.node_kit.person import NoAnswer, Person
+from pushfric_ros.faults.fault import EndedEarly
+from pushfric_ros.faults.processes import PROGRAM, nodes_alive, words_of
+from pushfric_ros.faults.stage import Heard, NotRehearsed, Stage
 from pushfric_ros.node_kit.qos import LATCHED
-from pushfric_ros.rehearsal.stage import RESET_AGAIN, EndedEarly, Heard, NotRehearsed, Stage, words_of
 
 LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
 LONGEST = 0.05
@@ -124,29 +123,72 @@ class GrblStage(Stage):
         """The controller's settings and modes, which the rehearsal must not change."""
         return {line: self.ask(line) for line in ("$$", "$#", "$G")}
 
-    @contextlib.contextmanager
-    def driver(self, look: bool = False) -> Iterator[SerialPusher]:
-        with contextlib.closing(SerialPusher(replace(self.grbl, port=self.line.port), Grbl(), only_look=look)) as pusher:
-            pusher.connect()
-            drive(pusher)
-            yield pusher
+    def _pusher(self, look: bool) -> SerialPusher:
+        return SerialPusher(replace(self.grbl, port=self.line.port), Grbl(), only_look=look)
 
     def config(self) -> tuple[PusherConfig, GrblConfig]:
         """As of any stage; the actuator is on the line's other end."""
         return super().config()[0], replace(self.grbl, port=self.port)
 
     def bring_back(self) -> list[str]:
-        self._end_processes()
-        self.line.heal()
-        with self.driver() as pusher:
-            pusher.recover()
-            drive(pusher)
-            pusher.move_to(self.position, min(5 * self.given.speed, self.limits.max_speed))
-            drive(pusher)
+        super().bring_back()
         self.ask(" ".join(word for word in self.before["$G"][0].strip("[]GC:").split() if word in RESTORED))
         now = self.known()
         changed = [line for line, answer in self.before.items() if comparable(answer) != comparable(now[line])]
         return [f"{line} is not what it was" for line in changed] + ["the position"] * (abs(self.along()) > self.same)
+
+    # A whole cell
+
+    def cell_under_way(self, share: float) -> "subprocess.Popen[str]":
+        """Start `run --simulated-camera`, and wait until its first push has covered this share.
+
+        Raises:
+            EndedEarly: the cell ended before.
+        """
+        self.end_actuator()
+        distance = min(self.reach, LONGEST)
+        bag = str(self.folder / f"bag_{time.monotonic_ns()}")
+        arguments = ["run", str(self._written(distance)), "--simulated-camera", "--headless", "--bag", bag]
+        self.client = run = self.process((*PROGRAM, *arguments))
+        progress: list[PlanProgress] = []
+
+        def far_enough() -> bool:
+            # on a busy machine a controller may seem silent; then a push is given up, and the cell asks what to do
+            if progress and (answer := ANSWERS.get(progress[-1].phase)) is not None:
+                self.insist(answer)
+            # a push that a pause of the computer ended is repeated: only in one that goes on is there anything to stop
+            pushes = bool(self.states) and self.states[-1][1].push_id != PusherState.NO_PUSH
+            return (pushes and self.along() > share * distance) or run.poll() is not None
+
+        try:
+            with self.person.hearing(PlanProgress, "plan_progress", LATCHED, progress.append):
+                self.wait(far_enough, "the push of a cell")
+        except NotRehearsed as error:
+            if self.broken_out is not None or self.line.broken is not None:
+                raise
+            raise EndedEarly(str(error)) from error
+        if run.poll() is not None:
+            raise EndedEarly(f"the cell ended before the fault: {words_of(run)}")
+        return run
+
+    def cell_has_ended(self) -> None:
+        """Wait until no process of the cell is left."""
+        self.wait(lambda: not nodes_alive(self.folder), "the end of the cell's processes")
+
+    def _written(self, distance: float) -> pathlib.Path:
+        """Write a cell's file in which the place where the rehearsal began is the origin of the table."""
+        pusher, driver = self.config()
+        camera, cell = self.folder / "camera.yaml", self.folder / "cell.yaml"
+        save_camera(Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625), camera)
+        content = {
+            "namespace": self.namespace,
+            "object": "rubber_rect4",
+            "camera": {"source": "topic", "calibration": str(camera)},
+            "pusher": {**_given(plain(pusher)), "line_origin": [0.0, -self.position], **_given(plain(driver))},
+            "plan": {"distance": distance, "speed": self.given.speed},
+        }
+        cell.write_text(json.dumps(content))  # JSON is YAML
+        return cell
 
 
 RESTORED = {"G20", "G21", "G90", "G91", "G17", "G18", "G19", "G93", "G94", *(f"G{n}" for n in range(54, 60))}
@@ -159,98 +201,5 @@ def comparable(answer: list[str]) -> list[str]:
     return [" ".join(text) for text in words]
 
 
-def cell_under_way(stage: GrblStage, share: float) -> "subprocess.Popen[str]":
-    """Start `run --simulated-camera`, and wait until its first push has covered this share.
-
-    Raises:
-        EndedEarly: the cell ended before.
-    """
-    stage.end_actuator()
-    distance = min(stage.reach, LONGEST)
-    cell, bag = _written(stage, distance), stage.folder / f"bag_{time.monotonic_ns()}"
-    arguments = ["run", str(cell), "--simulated-camera", "--headless", "--bag", str(bag)]
-    stage.client = run = stage.process([sys.executable, "-m", "pushfric_core", *arguments])
-    try:
-        with _answering(stage.person) as answer:
-
-            def far_enough() -> bool:
-                answer()
-                # a push that a pause of the computer ended is repeated: only in one that goes on is there anything to stop
-                pushes = bool(stage.states) and stage.states[-1][1].push_id != PusherState.NO_PUSH
-                return (pushes and stage.along() > share * distance) or run.poll() is not None
-
-            stage.wait(far_enough, "the push of a cell")
-    except NotRehearsed as error:
-        if stage.broken_out is not None or stage.line.broken is not None:
-            raise
-        raise EndedEarly(str(error)) from error
-    if run.poll() is not None:
-        raise EndedEarly(f"the cell ended before the fault: {words_of(run)}")
-    return run
-
-
-@contextlib.contextmanager
-def _answering(person: Person) -> Iterator[Callable[[], None]]:
-    """Give a function that answers what a cell asks a person.
-
-    On a busy machine a controller may seem silent; then a push is given up, and the cell asks what to do.
-    """
-    asked: str | None = None  # the service that the cell awaits
-    again = 0.0
-
-    def take(progress: PlanProgress) -> None:
-        nonlocal asked
-        asked = ANSWERS.get(progress.phase)
-
-    def answer() -> None:
-        nonlocal again
-        if asked is not None and time.monotonic() > again:
-            with contextlib.suppress(NoAnswer):
-                person.call(asked)
-            again = time.monotonic() + RESET_AGAIN
-
-    with person.hearing(PlanProgress, "plan_progress", LATCHED, take):
-        yield answer
-
-
-def cell_has_ended(stage: GrblStage) -> None:
-    """Wait until no process of the cell is left."""
-    stage.wait(lambda: not _nodes(stage.namespace), "the end of the cell's processes")
-
-
-def pid_of(node: str, stage: GrblStage) -> int:
-    """The process id of a node of the cell."""
-    return next(pid for pid, command in _nodes(stage.namespace).items() if f"{node}_node" in command)
-
-
-def _written(stage: GrblStage, distance: float) -> pathlib.Path:
-    """Write a cell's file in which the place where the rehearsal began is the origin of the table."""
-    pusher, driver = stage.config()
-    camera, cell = stage.folder / "camera.yaml", stage.folder / "cell.yaml"
-    save_camera(Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625), camera)
-    content = {
-        "namespace": stage.namespace,
-        "object": "rubber_rect4",
-        "camera": {"source": "topic", "calibration": str(camera)},
-        "pusher": {**_given(plain(pusher)), "line_origin": [0.0, -stage.position], **_given(plain(driver))},
-        "plan": {"distance": distance, "speed": stage.given.speed},
-    }
-    cell.write_text(json.dumps(content))  # JSON is YAML
-    return cell
-
-
 def _given(values: dict[str, object]) -> dict[str, object]:
     return {name: value for name, value in values.items() if name not in ("requires", "autostart", "real_time_factor")}
-
-
-def _nodes(namespace: str) -> dict[int, str]:
-    """The processes of a cell's nodes: their command lines, by process id."""
-    found = {}
-    for folder in pathlib.Path("/proc").glob("[0-9]*"):
-        try:
-            command = (folder / "cmdline").read_bytes().decode(errors="replace")
-        except OSError:
-            continue  # it has just ended
-        if f"__ns:={namespace}" in command:
-            found[int(folder.name)] = command
-    return found
