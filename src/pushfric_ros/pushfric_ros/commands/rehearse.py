@@ -95,6 +95,7 @@ def rehearsal(
             raise InvalidInput(str(error)) from error
     outcomes: list[Outcome] = []
     with kind(Rehearsed(chosen, driver, stroke, speed), warn) as stage:
+        stage.open()
         console.print(
             f"strokes of {1e3 * stage.reach:.1f} mm at {1e3 * speed:g} mm/s; Ctrl-C stops the pusher", highlight=False
         )
@@ -110,7 +111,7 @@ def rehearsal(
     )
     if json != STDOUT:
         Console().print(distribution(outcomes) if kills else table(outcomes))
-    if changed or any(map(failed, outcomes)):
+    if changed or any(outcome.problem for outcome in outcomes):
         sys.exit(1)
 
 
@@ -166,10 +167,6 @@ def distribution(outcomes: list[Outcome]) -> Table:
         ways = sorted(one["travelled"] for one in found)
         if ways:
             chosen = (ways[len(ways) // 2], ways[(9 * len(ways)) // 10], ways[-1], found[0]["allowed"])
-            shown.add_row(kind, str(len(ours)), *(f"{1e3 * way:.2f} mm" for way in chosen), str(sum(map(failed, ours))))
+            wrong = sum(outcome.problem is not None for outcome in ours)
+            shown.add_row(kind, str(len(ours)), *(f"{1e3 * way:.2f} mm" for way in chosen), str(wrong))
     return shown
-
-
-def failed(outcome: Outcome) -> bool:
-    """Whether a fault did not end as it must."""
-    return outcome.problem is not None

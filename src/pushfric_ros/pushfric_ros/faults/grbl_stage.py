@@ -3,7 +3,6 @@
 A whole cell may play on it: its own command line, experiment, tracker and estimator, with a rendered camera.
 """
 
-import contextlib
 import json
 import pathlib
 import subprocess
@@ -22,11 +21,12 @@ from pushfric_core.simulated.faulty_line import FaultyLine
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_msgs.msg import PlanProgress, PusherState
 from pushfric_ros.faults.fault import EndedEarly
-from pushfric_ros.faults.processes import PROGRAM, nodes_alive, words_of
+from pushfric_ros.faults.processes import PROGRAM, nodes_alive, started, words_of
 from pushfric_ros.faults.stage import Heard, NotRehearsed, Stage
 from pushfric_ros.node_kit.qos import LATCHED
 
 LISTENING = 0.02  # the stage asks for a report if none was heard for this long [s]
+NOT_IN_A_FILE = ("requires", "autostart", "real_time_factor")
 LONGEST = 0.05
 """Largest length of a push in the rendered camera's view [m]."""
 ANSWERS = {PlanProgress.PHASE_ALARM: "actuator/reset", PlanProgress.PHASE_CHOOSING: "experiment/repeat"}
@@ -40,32 +40,27 @@ class GrblStage(Stage):
     line: FaultyLine
     grbl: GrblConfig
 
-    def _open(self, leaving: contextlib.ExitStack) -> None:
+    def open(self) -> None:
         assert isinstance(self.given.driver, GrblConfig)
         self.grbl = self.given.driver
         self._lines: list[str] = []
-        self._rest, self._unit, self._zero, self._raw = b"", 1.0, 0.0, 0.0  # [mm]
+        self._rest, self._unit, self._raw = b"", 1.0, 0.0  # [mm]
+        self._zero: float | None = None  # where the rehearsal began, by the controller's count [mm]
         self._heard_at = 0.0
         try:
-            self.line = leaving.enter_context(FaultyLine(self.grbl.port, self.grbl.baud))
+            self.line = self.enter_context(FaultyLine(self.grbl.port, self.grbl.baud))
         except OSError as error:
             raise InvalidInput(f"cannot open {self.grbl.port}: {error}") from error
         self.port = self.line.port  # the name by which an actuator calls it
         self.line.heard = self._listen
-
-    def _check(self) -> None:
-        super()._check()
+        super().open()
         if self.position > self.same:  # the cells of a rehearsal bring the pusher back to 0
             here = f"the controller stands at {1e3 * self.position:.3f} mm"
             raise NotRehearsed(f"{here}, expected 0: bring it there, or set its work zero")
-
-    def _look(self) -> None:
         self._unit = INCH if "$13=1" in self.ask("$$") else 1.0
         before = self._heard_at
         self.wait(lambda: self._heard_at > before, "a report")
         self._zero = self._raw
-        self.heard.clear()
-        self.broken_out = None
         self.before = self.known()
 
     def heal(self) -> None:
@@ -85,6 +80,8 @@ class GrblStage(Stage):
             if place is None or len(place) <= index:
                 continue
             self._raw, self._heard_at = place[index] * self._unit, time.monotonic()
+            if self._zero is None:
+                continue
             along = self.sign * (self._raw - self._zero) * 1e-3
             speed = (status.feed or 0.0) * self._unit / 60e3
             self.hear(Heard(self._heard_at, along, speed, status.state in ("Run", "Jog")))
@@ -121,7 +118,7 @@ class GrblStage(Stage):
 
     def known(self) -> dict[str, list[str]]:
         """The controller's settings and modes, which the rehearsal must not change."""
-        return {line: self.ask(line) for line in ("$$", "$#", "$G")}
+        return {line: comparable(self.ask(line)) for line in ("$$", "$#", "$G")}
 
     def _pusher(self, look: bool) -> SerialPusher:
         return SerialPusher(replace(self.grbl, port=self.line.port), Grbl(), only_look=look)
@@ -132,10 +129,10 @@ class GrblStage(Stage):
 
     def bring_back(self) -> list[str]:
         super().bring_back()
-        self.ask(" ".join(word for word in self.before["$G"][0].strip("[]GC:").split() if word in RESTORED))
+        self.ask(" ".join(word for word in self.before["$G"][0].strip("]").split() if word in RESTORED))
         now = self.known()
-        changed = [line for line, answer in self.before.items() if comparable(answer) != comparable(now[line])]
-        return [f"{line} is not what it was" for line in changed] + ["the position"] * (abs(self.along()) > self.same)
+        changed = [f"{line} is not what it was" for line in now if now[line] != self.before[line]]
+        return changed + ["the position"] * (abs(self.along()) > self.same)
 
     # A whole cell
 
@@ -149,7 +146,7 @@ class GrblStage(Stage):
         distance = min(self.reach, LONGEST)
         bag = str(self.folder / f"bag_{time.monotonic_ns()}")
         arguments = ["run", str(self._written(distance)), "--simulated-camera", "--headless", "--bag", bag]
-        self.client = run = self.process((*PROGRAM, *arguments))
+        self.client = run = started((*PROGRAM, *arguments), self.folder)
         progress: list[PlanProgress] = []
 
         def far_enough() -> bool:
@@ -180,11 +177,12 @@ class GrblStage(Stage):
         pusher, driver = self.config()
         camera, cell = self.folder / "camera.yaml", self.folder / "cell.yaml"
         save_camera(Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625), camera)
+        given = {**plain(pusher), "line_origin": [0.0, -self.position], **plain(driver)}
         content = {
             "namespace": self.namespace,
             "object": "rubber_rect4",
             "camera": {"source": "topic", "calibration": str(camera)},
-            "pusher": {**_given(plain(pusher)), "line_origin": [0.0, -self.position], **_given(plain(driver))},
+            "pusher": {name: value for name, value in given.items() if name not in NOT_IN_A_FILE},
             "plan": {"distance": distance, "speed": self.given.speed},
         }
         cell.write_text(json.dumps(content))  # JSON is YAML
@@ -199,7 +197,3 @@ def comparable(answer: list[str]) -> list[str]:
     """An answer without the parts that mean nothing: the last feed, and the motion mode, which the next line sets."""
     words = [[word for word in text.split() if not word.startswith(("F", "[GC:"))] for text in answer]
     return [" ".join(text) for text in words]
-
-
-def _given(values: dict[str, object]) -> dict[str, object]:
-    return {name: value for name, value in values.items() if name not in ("requires", "autostart", "real_time_factor")}

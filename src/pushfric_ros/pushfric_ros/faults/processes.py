@@ -1,12 +1,17 @@
-"""Processes of a run: finding its nodes, the last words of one that has ended, and ending one."""
+"""Processes of a run: starting one, finding its nodes, the last words of one that has ended, and ending one."""
 
 import contextlib
+import os
 import pathlib
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 from pushfric_ros.faults.fault import Otherwise
+from pushfric_ros.graph.fork_server import die_with_parent
 
 PROGRAM = (sys.executable, "-m", "pushfric_core")
 
@@ -17,6 +22,21 @@ NODES = ("tracker", "estimator", "recorder", "actuator", "experiment", "simulate
 
 PROCESSES = {"pushfric_ros.graph.fork_server": "fork_server", **{f"{node}_node": node for node in (*NODES, "player")}}
 """By a part of the command line of each process of a run: its name here."""
+
+
+def started(arguments: Sequence[str], run: pathlib.Path, output: Any = subprocess.PIPE, **more: Any) -> "subprocess.Popen[str]":
+    """Start a process of a run, which has this folder, out of reach of the terminal's Ctrl-C; it ends with this process."""
+    return subprocess.Popen(
+        arguments,
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=os.environ | {MARKER: str(run)},
+        start_new_session=True,
+        preexec_fn=partial(die_with_parent, signal.SIGTERM),
+        **more,
+    )
 
 
 def nodes_alive(folder: pathlib.Path) -> dict[int, str]:

@@ -69,11 +69,10 @@ class Rests:
         `found` gets the time from the fault until the pusher rested [s], the distance after the fault and the largest
         allowed [m], unless it was not to stop.
         """
-        client, given = stage.client, stage.given
-        if self.goes_on and client is not None:  # on a busy machine a push may pause
-            stage.wait(lambda: client.poll() is not None, "the end of the push")
-            if client.returncode:
-                raise EndedEarly(f"the push was to go on, but it ended: {words_of(client)}")
+        given = stage.given
+        # on a busy machine a push may pause
+        if self.goes_on and stage.client is not None and (client := stage.client_ends()).returncode:
+            raise EndedEarly(f"the push was to go on, but it ended: {words_of(client)}")
         at_rest = stage.rest()
         heard = stage.heard[stage.first :]
         furthest, fastest = max(one.along for one in heard), max(one.speed for one in heard)
@@ -148,10 +147,7 @@ def goes_on_and_moves_nothing(stage: Stage) -> None:
 
 def client_is_told(stage: Stage) -> None:
     """The client must get a result, and the last state must be true."""
-    assert stage.client is not None
-    end_of_client = stage.client
-    stage.wait(lambda: end_of_client.poll() is not None, "the end of the client")
-    said = words_of(end_of_client)
+    said = words_of(stage.client_ends())
     demand("told to end" in said, f"the client was told: {said}")
     state, true = stage.states[-1][1], stage.position + stage.along()
     says = f"the last state says mode {state.mode} at {1e3 * state.position:.2f} mm, it rests at {1e3 * true:.2f} mm"
@@ -304,16 +300,17 @@ def modes_changed(stage: GrblStage) -> None:
     mid_push(lambda stage: stage.line.tell_controller(b"\x91" * 10))(stage)
 
 
-def move_alone(stage: GrblStage) -> None:
-    """Send one line as another program would: over the whole reach, slowly, in millimetres whatever the modes are."""
+def moved_alone(stage: GrblStage) -> list[tuple[float, bytes]]:
+    """Send one line as another program would: over the whole reach, slowly, in millimetres whatever the modes are.
+
+    Returns:
+        All that is sent to the controller afterwards, and when.
+    """
+    stage.end_actuator()
     slow = min(stage.given.speed, stage.reach / ALONE)
     line = f"$J=G21G91{stage.grbl.axis[-1]}{stage.sign * 1e3 * stage.reach:.3f}F{60e3 * slow:.3f}\n"
     stage.line.tell_controller(line.encode())
     stage.wait(lambda: stage.along() > 0.02 * stage.reach, "somebody else's motion")
-
-
-def listened(stage: GrblStage) -> list[tuple[float, bytes]]:
-    """All that is sent to the controller from now on, and when."""
     sent: list[tuple[float, bytes]] = []
 
     def listen(data: bytes) -> bytes:
@@ -326,9 +323,7 @@ def listened(stage: GrblStage) -> list[tuple[float, bytes]]:
 
 def found_moving(stage: GrblStage) -> float:
     """Start a new actuator while the controller carries out another program's line."""
-    stage.end_actuator()
-    move_alone(stage)
-    sent = listened(stage)
+    sent = moved_alone(stage)
     stage.start_actuator()
     stage.wait(lambda: sent, "the first question")
     if stage.along() > stage.reach - stage.same:
@@ -372,9 +367,7 @@ def hostile_settings(stage: GrblStage) -> None:
 
 def looked_at(stage: GrblStage) -> None:
     """Run the doctor while the controller moves: it must send only questions, and say that the controller moves."""
-    stage.end_actuator()
-    move_alone(stage)
-    sent = listened(stage)
+    sent = moved_alone(stage)
     config, driver = stage.config()
     check, _ = check_controller(driver, Grbl(), config)
     stage.heal()
@@ -385,7 +378,6 @@ def looked_at(stage: GrblStage) -> None:
 
 def no_more_enable(stage: Stage) -> float:
     """Withdraw the enable that an actuator has been told to need."""
-    stage.end_actuator()
     stage.start_actuator(enable_timeout=ENABLE_TIMEOUT)
     with stage.person.repeating("enable", Bool(data=True), RELIABLE, EVENT_TIMEOUT):
         stage.make_ready()
@@ -395,7 +387,6 @@ def no_more_enable(stage: Stage) -> float:
 
 def too_much_force(stage: Stage) -> float:
     """Report a force beyond the limit that an actuator has been given."""
-    stage.end_actuator()
     stage.start_actuator(max_force=MAX_FORCE)
     force = WrenchStamped()
     with stage.person.repeating("wrench", force, SENSOR_DATA, EVENT_TIMEOUT):
@@ -478,10 +469,9 @@ def kills(times: int, seed: int) -> Iterator[Fault[GrblStage]]:
     randomly = random.Random(seed)
     for k in range(times):
         kind, share = KINDS[k % len(KINDS)], randomly.uniform(EARLIEST, LATEST)
-        if kind == "actuator":
-            yield Fault(kind, sent(KILL, "actuator", share=share), AWAITS_A_PERSON)
-        elif kind == "client of a push":
-            yield Fault(kind, sent(KILL, "client", share=share), Rests())
+        if kind in KINDS[:2]:
+            must = AWAITS_A_PERSON if kind == "actuator" else Rests()
+            yield Fault(kind, sent(KILL, kind.split()[0], share=share), must)
         else:
             yield Fault(kind, cell_signalled(KILL, kind, share), Rests(check=cell_ends))
 
@@ -502,12 +492,10 @@ def damages(times: int, seed: int) -> Iterator[Fault[GrblStage]]:
 
 
 def _until_the_end(damage: LineDamage, stops: bool, stage: GrblStage) -> None:
-    assert stage.client is not None
-    client = stage.client
     damage.begin(stage.line)
     if stops:
         stage.person.say_stop()
-    stage.wait(lambda: client.poll() is not None, "the end of the push")
+    stage.client_ends()
     stage.pause(damage.delay)
 
 

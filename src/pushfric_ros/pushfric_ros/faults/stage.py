@@ -8,9 +8,8 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple, Self
 
 from pushfric_core.bags.samples import stamp_from_msg
@@ -20,8 +19,7 @@ from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.faults.fault import EndedEarly, Fault, Otherwise, tried
-from pushfric_ros.faults.processes import MARKER, PROGRAM, end, words_of
-from pushfric_ros.graph.fork_server import die_with_parent
+from pushfric_ros.faults.processes import PROGRAM, end, started, words_of
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.person import NoAnswer, Person
@@ -60,8 +58,8 @@ class Heard(NamedTuple):
     moves: bool
 
 
-class Stage(contextlib.AbstractContextManager["Stage"]):
-    """A context manager: on leaving, it ends the processes and stops the pusher. The caller calls `bring_back`.
+class Stage(contextlib.ExitStack):
+    """A context manager: on leaving, it ends the processes and stops the pusher. The caller calls `open` and `bring_back`.
 
     Where the pusher is, the actuator publishes; if it has died, where the pusher rests is what the next actuator finds.
     """
@@ -76,6 +74,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             given: what the user gives.
             say: called with a line for people about whatever goes wrong on the way.
         """
+        super().__init__()
         self.given, self.say = given, say
         self.namespace = f"/rehearsal_{os.getpid()}"
         self.heard: list[Heard] = []
@@ -89,9 +88,8 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self._changes: dict[str, Any] = {}  # of the actuator's settings, for one fault
         self._started = 0.0  # the present actuator, when
         self._again = 0.0  # when a service may be called once more
-        self._leaving = contextlib.ExitStack()
 
-    def __enter__(self) -> Self:
+    def open(self) -> None:
         """Open the pusher, and check that it can be rehearsed with.
 
         Raises:
@@ -99,36 +97,13 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             NotRehearsed: the controller is not at rest, unlocked and homed, or stands in the wrong place.
             InvalidInput: the port cannot be opened, or stroke or speed do not fit the controller.
         """
-        with self._leaving as leaving:
-            self.folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
-            self._open(leaving)
-            leaving.callback(self._come_to_rest)
-            with self.driver(look=True) as pusher:
-                if pusher.mode is not Mode.IDLE:
-                    raise NotRehearsed(f"the controller is {pusher.mode.value}: expected one that rests, unlocked and homed")
-                self.limits, self.position = pusher.limits, pusher_position(pusher)
-            self._look()
-            self._check()
-            leaving.callback(self._end_processes)
-            self.person = leaving.enter_context(Person(self.namespace))
-            leaving.enter_context(self.person.hearing(PusherState, "pusher_state", RELIABLE, self._on_state))
-            self._leaving = leaving.pop_all()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._leaving.close()
-
-    def _open(self, leaving: contextlib.ExitStack) -> None:
-        """Open what stands between the actuator and the controller."""
-
-    def _look(self) -> None:
-        """Take note of what must not change."""
-
-    def heal(self) -> None:
-        """From now on, all between the actuator and the controller works."""
-
-    def _check(self) -> None:
         given = self.given
+        self.folder = pathlib.Path(self.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
+        self.callback(self._come_to_rest)
+        with self.driver(look=True) as pusher:
+            if pusher.mode is not Mode.IDLE:
+                raise NotRehearsed(f"the controller is {pusher.mode.value}: expected one that rests, unlocked and homed")
+            self.limits, self.position = pusher.limits, pusher_position(pusher)
         if self.position < -self.same:
             here = f"the controller stands at {1e3 * self.position:.3f} mm"
             raise NotRehearsed(f"{here}, expected 0 or more: set its work zero, or reverse the axis")
@@ -137,6 +112,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         least = self.margin + LEAST_PUSH * given.speed
         if given.stroke < least:
             raise InvalidInput(f"--stroke must be at least {1e3 * least:.0f} mm at this speed, got {1e3 * given.stroke:g} mm")
+        self.callback(self._end_processes)
+        self.person = self.enter_context(Person(self.namespace))
+        self.enter_context(self.person.hearing(PusherState, "pusher_state", RELIABLE, self._on_state))
+
+    def heal(self) -> None:
+        """From now on, all between the actuator and the controller works."""
 
     @property
     def braking(self) -> float:
@@ -167,10 +148,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         Raises:
             NotRehearsed: nothing more can be done with the controller.
         """
-        if hasattr(self, "person"):
-            self.person.spin(seconds)
-        else:
-            time.sleep(seconds)
+        self.person.spin(seconds)
 
     def wait(self, condition: Callable[[], object], what: str, seconds: float = EVENT_TIMEOUT) -> None:
         """Wait until a condition holds.
@@ -270,13 +248,14 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     def start_actuator(self, **changes: Any) -> None:
         """Start an actuator, with other settings until the pusher is brought back."""
+        self.end_actuator()
         self._changes = changes
         config, driver = self.config()
         spec = NodeSpec("actuator", {**plain(config), **plain(driver)})
         self.states.clear()
         self._started = time.monotonic()
         with open(self.log, "a") as log:
-            self.actuator = self.process(command(spec, self.namespace, self.folder), log)
+            self.actuator = started(command(spec, self.namespace, self.folder), self.folder, log)
 
     def end_actuator(self) -> None:
         if self.actuator is not None:
@@ -306,10 +285,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.client = None
         if self._changes:
             self.end_actuator()
-        if self.actuator is not None:
-            self.actuator.send_signal(signal.SIGCONT)
-        if self.actuator is None or self.actuator.poll() is not None:
-            self.start_actuator()
+        self.witness()
         self.make_ready()
         if abs(self.along()) > self.same:
             try:
@@ -359,10 +335,17 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             NotRehearsed: the push does not begin, or the pusher left its stroke.
         """
         way = ("--namespace", self.namespace, "--speed", f"{self.given.speed}", f"{self.reach}")
-        self.client = client = self.process((*PROGRAM, "jog", *way))
+        self.client = client = started((*PROGRAM, "jog", *way), self.folder)
         self.wait(lambda: self.along() > share * self.reach or client.poll() is not None, "the push")
         if client.poll() is not None:
             raise EndedEarly(f"the push ended before the fault: {words_of(client)}")
+
+    def client_ends(self) -> "subprocess.Popen[str]":
+        """Wait until the client of the push has ended; return it."""
+        assert self.client is not None
+        client = self.client
+        self.wait(lambda: client.poll() is not None, "the end of the push")
+        return client
 
     def mode(self) -> int | None:
         """The mode that the present actuator published last; None if it has published none."""
@@ -384,19 +367,6 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     def log(self) -> pathlib.Path:
         """The file with the output of the actuators."""
         return self.folder / "actuator.log"
-
-    def process(self, arguments: Sequence[str], output: Any = subprocess.PIPE) -> "subprocess.Popen[str]":
-        """Start a process out of reach of the terminal's Ctrl-C; it ends with this process."""
-        return subprocess.Popen(
-            arguments,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            text=True,
-            env=os.environ | {MARKER: str(self.folder)},
-            start_new_session=True,
-            preexec_fn=partial(die_with_parent, signal.SIGTERM),
-        )
 
     def _end_processes(self) -> None:
         for process in (self.client, self.actuator):
