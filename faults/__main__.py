@@ -8,17 +8,19 @@ import signal
 import sys
 import textwrap
 import time
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python faults`, from any folder
 
-from faults.campaign import Outcome, campaign, evidence, table
-from faults.cases import CASES
+from faults.cases import CASES, QUICK
+from faults.cell_run import new_run
+from faults.table import table
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cli import main as carried_out
 from pushfric_core.commands.program import run
+from pushfric_ros.faults.fault import tried
 
 DOCUMENT = pathlib.Path(__file__).resolve().parents[1] / "docs/reliability.md"
 
@@ -50,20 +52,21 @@ def main(
     signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    cases = [case for case in CASES if only in case.fault and (case.quick or not quick)]
-    loads: list[float] = []
-
-    def keep(outcomes: list[list[Outcome]]) -> None:
+    chosen = [fault for fault in CASES if only in fault.name and (fault.name in QUICK or not quick)]
+    loads, found = [], []
+    for number, fault in enumerate(chosen, 1):
+        outcomes = [tried(fault, new_run) for _ in range(times)]
+        found.append({"fault": fault.name, "asked": fault.must.asked, "tries": [one.to_dict() for one in outcomes]})
         loads.append(os.getloadavg()[0])
+        said = "; ".join((one.problem or "as asked") + one.tried for one in outcomes)
+        print(f"{number}/{len(chosen)} {fault.name}: {outcomes[-1].found.get('seen')}; {said}", file=sys.stderr, flush=True)
         if not (quick or only):
-            found = {"circumstances": circumstances(outcomes, loads), "faults": evidence(outcomes)}
-            EVIDENCE.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+            told = {"circumstances": circumstances(found, loads), "faults": found}
+            EVIDENCE.write_text(json.dumps(told, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
             DOCUMENT.write_text(page(), encoding="utf-8")
-
-    outcomes = campaign(cases, times, lambda line: print(line, file=sys.stderr, flush=True), keep)
     if quick or only:
-        print(table(evidence(outcomes)), end="")
-    sys.exit(int(any(outcome.problems for tried in outcomes for outcome in tried)))
+        print(table(found), end="")
+    sys.exit(int(any(one["problem"] for fault in found for one in fault["tries"])))
 
 
 def page() -> str:
@@ -73,16 +76,15 @@ def page() -> str:
     return f"{HEAD}{table(found['faults'])}\n{how}\n"
 
 
-def circumstances(outcomes: list[list[Outcome]], loads: list[float]) -> str:
+def circumstances(found: list[dict[str, Any]], loads: list[float]) -> str:
     """How a table was made: when, how busy the machine was, and what was left out."""
-    tried = [tries[0].case.fault for tries in outcomes]
-    load = f"{min(loads):.0f} to {max(loads):.0f}" if loads else "unknown"
-    times = len(outcomes[0])
+    times = len(found[0]["tries"])
     how_often = "once" if times == 1 else f"{times} times"
-    machine = f"{os.cpu_count()} processors, Python {platform.python_version()}, load average {load}"
-    said = f"Each fault was tried {how_often}, on {time.strftime('%Y-%m-%d')}: {machine}."
-    left_out = [case.fault for case in CASES if case.fault not in tried]
-    return f"{said} Not tried: {'; '.join(left_out)}." if left_out else f"{said} No fault was left out."
+    load = f"load average {min(loads):.0f} to {max(loads):.0f}"
+    machine = f"{os.cpu_count()} processors, Python {platform.python_version()}, {load}"
+    left_out = "; ".join(fault.name for fault in CASES[len(found) :])
+    which = f"Not tried: {left_out}." if left_out else "No fault was left out."
+    return f"Each fault was tried {how_often}, on {time.strftime('%Y-%m-%d')}: {machine}. {which}"
 
 
 if __name__ == "__main__":

@@ -1,35 +1,36 @@
 """Faults between camera and tracker, in the middle of a push.
 
-`python -m faults.camera FAULT FOLDER` runs a simulated cell in real time, with this fault, and records `bag` in the folder.
+`python -m faults.camera FOLDER` runs a simulated cell in real time, whose tracker hears another camera; its files are there.
 """
 
 import array
 import pathlib
 import sys
 import tempfile
-import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
-from pushfric_core import InvalidInput
+from faults.cell_run import CellRun
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.commands.console import console, fail
+from pushfric_core.commands.program import run
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
+from pushfric_ros.node_kit.visit import Visit
 
 NAMESPACE = "/cell"
 TRUE, SHOWN = "camera/image_raw", "image_raw"
@@ -37,8 +38,6 @@ TRUE, SHOWN = "camera/image_raw", "image_raw"
 
 BEGIN = 0.015
 """The fault begins when the pusher has come this far [m]: in the middle of the first push."""
-
-PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2}, {edge: 3}]"
 
 HOUR = 3600 * 10**9
 
@@ -59,12 +58,6 @@ class Seen:
     first: list[Frame] = field(default_factory=list)  # the first frames, up to two
     last: deque[Frame] = field(default_factory=lambda: deque(maxlen=8))
     count: int = 0
-
-    def add(self, frame: Frame) -> None:
-        """Take the newest frame."""
-        self.first = [*self.first, frame][:2]
-        self.last.append(frame)
-        self.count += 1
 
     @property
     def now(self) -> Frame:
@@ -139,57 +132,40 @@ class FaultyCamera(Node):
         if not self._begun:
             self._out.publish(msg)
             return
-        self._seen.add(
-            Frame(np.frombuffer(msg.data, np.uint8).reshape(msg.height, msg.width), stamp_from_msg(msg.header.stamp))
-        )
-        for frame in self._shown_of(self._seen):
+        seen, picture = self._seen, np.frombuffer(msg.data, np.uint8).reshape(msg.height, msg.width)
+        seen.last.append(Frame(picture, stamp_from_msg(msg.header.stamp)))
+        seen.first, seen.count = [*seen.first, seen.now][:2], seen.count + 1
+        for frame in self._shown_of(seen):
             shown = Image(header=msg.header, height=msg.height, width=msg.width, encoding=msg.encoding, step=msg.step)
             shown.header.stamp = stamp_to_msg(frame.stamp)
             shown.data = array.array("B", frame.picture.tobytes())
             self._out.publish(shown)
 
 
-def run(fault: str, folder: pathlib.Path) -> None:
-    """Run a cell with this fault, with the tolerances of a real one."""
-    (folder / "plan.yaml").write_text(PLAN)
-    context = rclpy.Context()
-    rclpy.init(context=context, args=[])
-    executor = SingleThreadedExecutor(context=context)
+def start(fault: str, cell: CellRun) -> None:
+    """Start a cell with this fault; its camera fails while the run waits for anything."""
+    visit = cell.enter_context(Visit(partial(FaultyCamera, fault)))
+    cell.pause = visit.spin_once
+    cell.start(sys.executable, "-m", "faults.camera", str(cell.folder))
+
+
+def main(folder: pathlib.Path) -> None:
+    """Run a cell with the tolerances of a real one, whose tracker does not hear its camera."""
     with tempfile.TemporaryDirectory(prefix="pushfric-") as scratch:
         plan = PlanConfig(plan=str(folder / "plan.yaml"))
         cell = replace(demo_cell("wood_rect4", pathlib.Path(scratch)), plan=plan)
-        specs = graph.simulated_cell(cell, str(folder / "bag"), seed=0, speed=1.0)
         tolerances = {name: getattr(plan, name) for name in ("clock_tolerance", "follow_tolerance", "lost_object")}
         changed = {
             "simulated_cell": lambda spec: replace(spec, remappings={**spec.remappings, SHOWN: TRUE}),
             "experiment": lambda spec: replace(spec, parameters={**spec.parameters, **tolerances}),
         }
+        specs = graph.simulated_cell(cell, str(folder / "bag"), seed=0, speed=1.0)
         specs = [changed.get(spec.name, lambda spec: spec)(spec) for spec in specs]
-        executor.add_node(FaultyCamera(fault, context))
-        over = threading.Event()
-
-        def spin() -> None:
-            while not over.is_set():
-                executor.spin_once(timeout_sec=0.1)
-
-        thread = threading.Thread(target=spin)
-        thread.start()
-        try:
-            told = {"live": False, "unfinished": lambda _: None, "prompts": True}
-            ended, _ = watch(console, specs, NAMESPACE, fault, recorded=folder / "bag", **told)
-        finally:
-            over.set()
-            thread.join()
-            executor.shutdown()
-            rclpy.try_shutdown(context=context)
+        bag, go_on = folder / "bag", lambda push: None
+        ended, _ = watch(console, specs, NAMESPACE, "a faulty camera", False, unfinished=go_on, prompts=True, recorded=bag)
     if ended.code:
         fail(ended.reason, ended.code)
 
 
 if __name__ == "__main__":
-    try:
-        run(sys.argv[1], pathlib.Path(sys.argv[2]))
-    except InvalidInput as error:
-        fail(str(error), 2)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    run(lambda: main(pathlib.Path(sys.argv[1])))

@@ -19,6 +19,7 @@ from documents import blocks, has_the_form, shown
 from rosbags.highlevel import AnyReader
 
 from pushfric_core.geometry.table_1 import TABLE_1
+from pushfric_ros.faults.processes import pid_of
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -127,13 +128,11 @@ def test_the_keys_of_a_terminal_steer_the_demo(tmp_path):
 def running(tmp_path, monkeypatch):
     """A demo of four pushes whose first push is over."""
     monkeypatch.syspath_prepend(ROOT)
-    from faults.camera import PLAN
-    from faults.cell_run import CellRun, demo
+    from faults.cell_run import CellRun
 
-    (tmp_path / "plan.yaml").write_text(PLAN)
-    with CellRun(demo(tmp_path, "--plan", str(tmp_path / "plan.yaml")), tmp_path) as run:
+    with CellRun(tmp_path) as run:
+        run.demo(short=True)
         run.wait_for_push()
-        assert not run.ended, run.output
         yield run
 
 
@@ -160,7 +159,7 @@ def test_the_nodes_end_with_a_killed_command_line(running):
 
 def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(running):
     """The actuator, for example; test_faults.py has others."""
-    os.kill(running.pid_of("actuator"), signal.SIGKILL)
+    os.kill(pid_of("actuator", running.folder), signal.SIGKILL)
     assert running.wait_for_end() == 1
     why = "actuator was killed by SIGKILL"
     assert f"error: {why}" in running.output
@@ -171,14 +170,14 @@ def test_the_death_of_a_node_that_cannot_be_replaced_ends_the_run(running):
 
 
 def test_the_death_of_what_starts_the_nodes_ends_the_run(running):
-    os.kill(running.pid_of("fork_server"), signal.SIGKILL)
+    os.kill(pid_of("fork_server", running.folder), signal.SIGKILL)
     assert running.wait_for_end() == 1
     assert "error: the process that starts the nodes was killed by SIGKILL" in running.output
     assert running.nodes_alive() == {}
 
 
 def test_an_estimator_that_is_killed_goes_on_from_the_bag(running, tmp_path):
-    os.kill(running.pid_of("estimator"), signal.SIGKILL)
+    os.kill(pid_of("estimator", running.folder), signal.SIGKILL)
     # on a slow machine it may be away long enough that the push is aborted
     code = running.wait_for_end()
     aborted = re.search(r"^error: .*(aborted|no observation came from push)", running.output, re.M)

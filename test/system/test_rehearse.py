@@ -3,139 +3,170 @@
 import contextlib
 import importlib
 import pathlib
+import re
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import pytest
 from calls import PROGRAM, wait_until
 from marlin_firmware import SimulatedMarlin
 
-from pushfric_core.commands.application import STDOUT
-from pushfric_core.pushers.grbl import Grbl
-from pushfric_core.pushers.pusher import drive
-from pushfric_core.pushers.serial_pusher import SerialPusher
-from pushfric_core.pushers.serial_settings import SerialSettings
+from pushfric_core.simulated.faulty_line import once
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_ros.commands import rehearse
+from pushfric_ros.faults import fault as faults
+from pushfric_ros.faults.pusher import FAULTS, damaged
 from pushfric_ros.node_kit.person import NoAnswer, Person
 from pushfric_ros.node_kit.visit import visit
-from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS, Fault
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 PATIENT = 30.0  # silence, for a busy machine [s]
 DRIVERS = "grbl, marlin, slide, trajectory, twist"
 QUICK = {"another program sets inches, increments and 200 % feed", "kill -9 of the actuator", "impossible settings"}
 """A fault of the controller, one of the host, and one that is found by questions; test_runaway.py has the others."""
-
-
-def chosen(*names: str):
-    return tuple(fault for fault in FAULTS if fault.name in names)
-
-
-def call(controller: SimulatedGrbl, **options) -> None:
-    given = {"stroke": 0.04, "speed": 0.02, "axis": "X", "baud": 115200, "silence": PATIENT, "kills": 0, "seed": 0}
-    rehearse.rehearsal(port=controller.port, json=STDOUT, **given | options)
-
-
-def test_faults_that_end_as_they_must(monkeypatch, capsys):
-    monkeypatch.setattr(rehearse, "FAULTS", chosen(*QUICK))
-    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
-        before = dict(controller._settings)
-        try:
-            call(controller)
-        except SystemExit:  # on a busy machine a kill takes effect later than recorded; then only this may fail
-            assert "kill -9 of the actuator: it went too far" in capsys.readouterr().err
-        else:
-            said = capsys.readouterr()
-            assert said.err.count("as it must be") == len(QUICK)
-            assert '"changed": []' in " ".join(said.out.split())
-        assert controller.position() == pytest.approx(0.0, abs=1e-9)
-        assert controller._settings == before
-        assert controller._state == "Idle"
-
-
-def test_random_damage_of_the_line_ends_as_it_must(capsys):
-    """In mid-push, during a stop, and during a connection."""
-    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
-        call(controller, damage=3, seed=1)
-        assert capsys.readouterr().err.count("as it must be") == 3
-        assert controller.position() == pytest.approx(0.0, abs=1e-9)
-        assert controller._state == "Idle"
-
-
-def test_a_fault_that_ends_otherwise_is_exit_code_1(monkeypatch, capsys):
-    (fault,) = chosen("kill -9 of the actuator")
-    monkeypatch.setattr(rehearse, "FAULTS", (fault._replace(within=0.001),))  # more than any pusher can
-    with SimulatedGrbl(time.monotonic, restarts=False) as controller, pytest.raises(SystemExit) as ended:
-        call(controller)
-    assert ended.value.code == 1
-    assert "kill -9 of the actuator: it went too far" in capsys.readouterr().err
-
-
-def started(controller: SimulatedGrbl, silence: float = PATIENT) -> subprocess.Popen:
-    """A rehearsal in mid-push."""
-    command = [*PROGRAM, "rehearse", "--port", controller.port, "--stroke", "0.04", "--silence", str(silence)]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    wait_until(lambda: controller.position() > 0.003 or process.poll() is not None, "a motion")
-    assert process.poll() is None, process.communicate()
-    return process
+KILL = "kill -9 of the actuator"
 
 
 @pytest.fixture
-def slide(install):
-    """The examples of drivers, installed; the module of the slide."""
-    install("[pushfric.pushers]\nslide = own_pusher:SlideConfig\nmarlin = marlin:MarlinConfig\n", EXAMPLES)
-    yield importlib.import_module("own_pusher")
-    sys.modules.pop("own_pusher", None)
+def controller():
+    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
+        yield controller
 
 
-def rehearse_slide(device) -> None:
-    rehearse.rehearsal(driver="slide", settings=[f"device={device}"], stroke=0.03, speed=0.02, json=STDOUT)
+@pytest.fixture
+def rehearsed(call, controller):
+    """Calls the command with the simulated controller, or with another driver and its settings."""
+
+    def called(*options, driver="", settings=()):
+        device = ("--driver", driver) if driver else ("--port", controller.port, "--silence", PATIENT)
+        given = [part for setting in settings for part in ("--set", setting)]
+        return call("rehearse", *device, *given, "--stroke", 0.03 if driver else 0.04, *options)
+
+    return called
 
 
-def unhurried(names: set[str]) -> tuple[Fault, ...]:
-    """Those rows of the contract, with twice the time for a machine full of tests; a pusher that goes on fails all the same."""
-    rows = (fault for fault in CONTRACT if fault.name in names)
-    return tuple(fault if fault.within is None else fault._replace(within=2 * fault.within) for fault in rows)
+@pytest.fixture
+def only(monkeypatch):
+    """Leaves these rows in the tables, with other times within which the pusher must rest."""
+
+    def leave(*names: str, times: float = 1.0) -> None:
+        for table in ("FAULTS", "CONTRACT"):
+            rows = [fault for fault in getattr(rehearse, table) if fault.name in names]
+            musts = [replace(fault.must, within=fault.must.within and times * fault.must.within) for fault in rows]
+            monkeypatch.setattr(rehearse, table, [fault._replace(must=must) for fault, must in zip(rows, musts, strict=True)])
+
+    return leave
 
 
-def test_the_contract_of_every_driver(slide, tmp_path, monkeypatch, capsys):
-    names = {"no fault", "kill -9 of the actuator"}
-    monkeypatch.setattr(rehearse, "CONTRACT", unhurried(names))
-    slide.Slide(str(tmp_path / "device")).start()
-    rehearse_slide(tmp_path / "device")
-    assert capsys.readouterr().err.count("as it must be") == len(names)
-    # what the actuator does for every driver was seen; when nobody asks any more, each has to stop by itself
-    monkeypatch.setattr(rehearse, "CONTRACT", unhurried({"kill -9 of the actuator"}))
+def test_faults_that_end_as_they_must(rehearsed, controller, only):
+    only(*QUICK)
+    before = dict(controller._settings)
+    said = rehearsed("--json")
+    if said.returncode:  # on a busy machine a kill takes effect later than recorded; then only this may fail
+        assert f"{KILL}: it went too far" in said.stderr
+    else:
+        assert said.stderr.count("as it must be") == len(QUICK)
+        assert '"changed": []' in " ".join(said.stdout.split())
+    assert controller.position() == pytest.approx(0.0, abs=1e-9)
+    assert controller._settings == before
+    assert controller._state == "Idle"
+
+
+def test_random_damage_of_the_line_ends_as_it_must(rehearsed, controller):
+    """In mid-push, during a stop, and during a connection."""
+    assert rehearsed("--damage", 3, "--seed", 1).stderr.count("as it must be") == 3
+    assert controller.position() == pytest.approx(0.0, abs=1e-9)
+    assert controller._state == "Idle"
+
+
+def test_a_fault_that_ends_otherwise_is_exit_code_1(rehearsed, only):
+    only(KILL, times=0.003)  # more than any pusher can
+    said = rehearsed()
+    assert said.returncode == 1
+    assert f"{KILL}: it went too far" in said.stderr
+
+
+def test_a_fault_that_was_not_caused_is_tried_again_and_says_so(rehearsed, monkeypatch):
+    """For example a command without the byte that was to be damaged."""
+    (row,) = (fault for fault in FAULTS if fault.name == "a byte of a command is lost")
+    monkeypatch.setattr(rehearse, "FAULTS", [row._replace(cause=damaged(to_controller=lambda stage: once(b"no command", b"")))])
+    monkeypatch.setattr(faults, "TRIES", 2)
+    said = rehearsed()
+    assert said.returncode == 1
+    assert re.search(f"{row.name}: the push ended before .*, at the 2. try", said.stderr)
+
+
+@pytest.fixture
+def started(controller):
+    """A function that starts a rehearsal in a process of its own, and waits until it is in mid-push."""
+
+    def start(silence: float = PATIENT) -> subprocess.Popen:
+        command = [*PROGRAM, "rehearse", "--port", controller.port, "--stroke", "0.04", "--silence", str(silence)]
+        given = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        process = subprocess.Popen(command, **given)
+        wait_until(lambda: controller.position() > 0.003 or process.poll() is not None, "a motion")
+        assert process.poll() is None, process.communicate()
+        return process
+
+    return start
+
+
+@contextlib.contextmanager
+def slide(folder):
+    """The example of a driver of one's own, whose device lives in a thread."""
+    importlib.import_module("own_pusher").Slide(str(folder / "device")).start()
+    yield [f"device={folder / 'device'}"]
+
+
+@contextlib.contextmanager
+def marlin(folder):
     with SimulatedMarlin(time.monotonic) as controller:
-        settings = [f"port={controller.port}", f"silence={PATIENT}"]
-        rehearse.rehearsal(driver="marlin", settings=settings, stroke=0.03, speed=0.02, json=STDOUT)
-    assert capsys.readouterr().err.count("as it must be") == 1
+        yield [f"port={controller.port}", f"silence={PATIENT}"]
 
 
-@pytest.mark.parametrize(
-    ("driver", "fault"), [("twist", "SIGSTOP of both, as by a suspension"), ("trajectory", "kill -9 of the actuator")]
-)
-def test_an_arm_keeps_the_contract(driver, fault, tmp_path, monkeypatch, capsys):
-    """To an arm, both are the same: commands no longer come."""
-    monkeypatch.setattr(rehearse, "CONTRACT", unhurried({fault}))
-    settings = ["source=pose_stamped", "topic=/tool_pose", "origin=[0, 0, 0.12]", "table=[0.5, 0.1, 0.3]", "silence=1"]
-    with open(tmp_path / "log", "w") as log:
-        arm = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
+@contextlib.contextmanager
+def arm(folder):
+    with open(folder / "log", "w") as log:
+        process = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
     try:
         with visit("waiting") as waiting:
             wait_until(lambda: waiting.node.count_publishers("/tool_pose"), "the start of the arm")
-        rehearse.rehearsal(driver=driver, settings=settings, stroke=0.03, speed=0.02, json=STDOUT)
+        yield ["source=pose_stamped", "topic=/tool_pose", "origin=[0, 0, 0.12]", "table=[0.5, 0.1, 0.3]", "silence=1"]
     finally:
-        arm.terminate()
-        arm.wait(60)
-    assert capsys.readouterr().err.count("as it must be") == 1
-    assert "Traceback" not in (tmp_path / "log").read_text()
+        process.terminate()
+        process.wait(60)
+    assert "Traceback" not in (folder / "log").read_text()
 
 
-def test_a_way_back_that_a_busy_machine_interrupts_is_tried_again(slide, tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def examples(install):
+    """The examples of drivers, installed."""
+    install("[pushfric.pushers]\nslide = own_pusher:SlideConfig\nmarlin = marlin:MarlinConfig\n", EXAMPLES)
+    yield
+    sys.modules.pop("own_pusher", None)
+
+
+@pytest.mark.parametrize(
+    ("driver", "device", "names"),
+    [
+        ("slide", slide, ("no fault", KILL)),
+        # what the actuator does for every driver was seen; when nobody asks any more, each has to stop by itself
+        ("marlin", marlin, (KILL,)),
+        # to an arm, both are the same: commands no longer come
+        ("twist", arm, ("SIGSTOP of both, as by a suspension",)),
+        ("trajectory", arm, (KILL,)),
+    ],
+)
+def test_the_contract_of_every_driver(examples, rehearsed, only, tmp_path, driver, device, names):
+    only(*names, times=2)  # for a machine full of tests; a pusher that goes on fails all the same
+    with device(tmp_path) as settings:
+        assert rehearsed(driver=driver, settings=settings).stderr.count("as it must be") == len(names)
+
+
+def test_a_way_back_that_a_busy_machine_interrupts_is_tried_again(examples, rehearsed, only, tmp_path, monkeypatch):
     jog, halves = Person.jog, []
 
     def interrupted(person: Person, distance: float, speed: float) -> str:
@@ -146,34 +177,31 @@ def test_a_way_back_that_a_busy_machine_interrupts_is_tried_again(slide, tmp_pat
         return ""
 
     monkeypatch.setattr(Person, "jog", interrupted)
-    monkeypatch.setattr(rehearse, "CONTRACT", unhurried({"somebody calls actuator/stop"}))
-    slide.Slide(str(tmp_path / "device")).start()
-    rehearse_slide(tmp_path / "device")
-    assert capsys.readouterr().err.count("as it must be") == 1
+    only("somebody calls actuator/stop", times=2)
+    with slide(tmp_path) as settings:
+        assert rehearsed(driver="slide", settings=settings).stderr.count("as it must be") == 1
     assert halves[1] == pytest.approx(halves[0] / 2, abs=2e-3)
 
 
-def test_a_plug_that_is_pulled_ends_the_rehearsal_with_a_line():
-    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
-        process = started(controller, silence=2.0)
-        controller.unplug()
-        out, err = process.communicate(timeout=120)
-        assert "Traceback" not in out + err
-        assert process.returncode == 1, err
-        assert f"error: the line to the controller at {controller.port} is broken: " in err
+def test_a_plug_that_is_pulled_ends_the_rehearsal_with_a_line(controller, started):
+    process = started(silence=2.0)
+    controller.unplug()
+    out, err = process.communicate(timeout=120)
+    assert "Traceback" not in out + err
+    assert process.returncode == 1, err
+    assert f"error: the line to the controller at {controller.port} is broken: " in err
 
 
-def test_ctrl_c_stops_the_pusher():
-    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
-        process = started(controller)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=120)
-        assert process.returncode == 130, err
-        assert "Traceback" not in out + err
-        rest = controller.position()
-        assert controller._motion is None
-        time.sleep(0.3)
-        assert controller.position() == rest < 0.04
+def test_ctrl_c_stops_the_pusher(controller, started):
+    process = started()
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130, err
+    assert "Traceback" not in out + err
+    rest = controller.position()
+    assert controller._motion is None
+    time.sleep(0.3)
+    assert controller.position() == rest < 0.04
 
 
 @pytest.mark.parametrize(
@@ -186,35 +214,26 @@ def test_ctrl_c_stops_the_pusher():
         (["--driver", "slide", "--set", "device=here", "--kills", 3], "--kills and --damage are for the driver grbl"),
     ],
 )
-def test_wrong_input_is_one_line(slide, call, arguments, error):
-    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
-        said = call("rehearse", "--port", controller.port, *arguments)
-        assert said.stderr == f"error: {error}\n"
-        assert said.returncode == 2
-        assert controller.position() == 0.0
+def test_wrong_input_is_one_line(examples, controller, call, arguments, error):
+    said = call("rehearse", "--port", controller.port, *arguments)
+    assert (said.stderr, said.returncode) == (f"error: {error}\n", 2)
+    assert controller.position() == 0.0
 
 
-def test_a_pusher_that_does_not_stand_at_zero_is_left_there(call):
+@pytest.mark.parametrize("place", [10, 50], ids=["within the stroke", "beyond it"])
+def test_a_pusher_that_does_not_stand_at_zero_is_left_there(controller, rehearsed, place):
     """A cell of the rehearsal would bring it back to 0, behind where the user said that it may move."""
-    with (
-        SimulatedGrbl(time.monotonic, restarts=False) as controller,
-        contextlib.closing(SerialPusher(SerialSettings(controller.port, silence=PATIENT), Grbl())) as driver,
-    ):
-        driver.connect()
-        drive(driver)
-        driver.move_to(0.01, 0.05)
-        drive(driver)
-        driver.close()
-        said = call("rehearse", "--port", controller.port, "--stroke", 0.04, "--silence", PATIENT)
-        assert said.stderr == ("error: the controller stands at 10.000 mm, expected 0: bring it there, or set its work zero\n")
-        assert said.returncode == 1
-        assert controller.position() == 0.01
+    pathlib.Path(controller.port).write_bytes(b"$J=X%d F3000\n" % place)
+    wait_until(lambda: controller.position() == 1e-3 * place and controller._state == "Idle")
+    said = rehearsed()
+    assert said.stderr == f"error: the controller stands at {place}.000 mm, expected 0: bring it there, or set its work zero\n"
+    assert said.returncode == 1
+    assert controller.position() == 1e-3 * place
 
 
-def test_a_controller_in_alarm_is_left_alone(call):
-    with SimulatedGrbl(time.monotonic, restarts=False) as controller:
-        controller.alarm(3)
-        said = call("rehearse", "--port", controller.port, "--stroke", 0.06)
-        assert "the controller is alarm: expected one that rests, unlocked and homed" in said.stderr
-        assert said.returncode == 1
-        assert controller._state == "Alarm"
+def test_a_controller_in_alarm_is_left_alone(controller, rehearsed):
+    controller.alarm(3)
+    said = rehearsed()
+    assert "the controller is alarm: expected one that rests, unlocked and homed" in said.stderr
+    assert said.returncode == 1
+    assert controller._state == "Alarm"

@@ -34,7 +34,7 @@ from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.pushers.stroke import Plausibility, Stroke, unevenness
 from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
-from pushfric_core.simulated.line_damage import random_damage, straying
+from pushfric_ros.faults.line import random_damage, straying
 
 FAR = 0.09
 

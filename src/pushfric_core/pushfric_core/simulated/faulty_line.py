@@ -61,6 +61,13 @@ class FaultyLine:
         self.to_controller: Filter = bytes
         self.to_host: Filter = bytes
         self.delay_to_controller = self.delay_to_host = 0.0
+        self.damaged = False
+
+    def damage(self, **faults: Filter) -> None:
+        """From now on, use these filters, by the names of the attributes; `damaged` says once one has changed anything."""
+        self.damaged = False
+        for name, filtered in faults.items():
+            setattr(self, name, filtered)
 
     def tell_controller(self, data: bytes) -> None:
         """Write to the controller as another program on the line would; whether that was possible, `broken` says."""
@@ -78,7 +85,7 @@ class FaultyLine:
         while not self._closing.is_set() and self.broken is None:
             ready, _, _ = select.select([self._master, self._serial.fd], [], [], TICK)
             if self._master in ready:
-                passed = self.to_controller(os.read(self._master, 4096))
+                passed = self._filtered(self.to_controller, os.read(self._master, 4096))
                 self._for_controller.append((time.monotonic() + self.delay_to_controller, passed))
             if self._serial.fd in ready:
                 self._hear()
@@ -95,7 +102,12 @@ class FaultyLine:
             self.broken = error
             return
         self.heard(said)
-        self.tell_host(self.to_host(said))
+        self.tell_host(self._filtered(self.to_host, said))
+
+    def _filtered(self, filtered: Filter, data: bytes) -> bytes:
+        passed = filtered(data)
+        self.damaged = self.damaged or passed != data
+        return passed
 
 
 def once(old: bytes, new: bytes) -> Filter:

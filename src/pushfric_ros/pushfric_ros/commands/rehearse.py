@@ -1,8 +1,8 @@
 """The command `rehearse`."""
 
 import sys
-from collections.abc import Iterator
-from typing import Annotated
+from collections.abc import Iterable
+from typing import Annotated, Any
 
 import typer
 import yaml
@@ -20,11 +20,13 @@ from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.records import to_json
 from pushfric_core.settings import read
-from pushfric_ros.rehearsal.faults import CONTRACT, FAULTS, Outcome, rehearse
-from pushfric_ros.rehearsal.grbl_stage import GrblStage
-from pushfric_ros.rehearsal.random_faults import KINDS, damages
-from pushfric_ros.rehearsal.random_faults import kills as killed
-from pushfric_ros.rehearsal.stage import Rehearsed, Stage
+from pushfric_ros.faults.fault import Fault, Outcome, tried
+from pushfric_ros.faults.grbl_stage import GrblStage
+from pushfric_ros.faults.pusher import CONTRACT, FAULTS, KINDS, damages
+from pushfric_ros.faults.pusher import kills as killed
+from pushfric_ros.faults.stage import Rehearsed, Stage
+
+NOTHING_FOUND = dict.fromkeys(("seconds", "travelled", "allowed"))
 
 app = Application()
 
@@ -93,16 +95,20 @@ def rehearsal(
             raise InvalidInput(str(error)) from error
     outcomes: list[Outcome] = []
     with kind(Rehearsed(chosen, driver, stroke, speed), warn) as stage:
+        stage.open()
         console.print(
             f"strokes of {1e3 * stage.reach:.1f} mm at {1e3 * speed:g} mm/s; Ctrl-C stops the pusher", highlight=False
         )
-        for outcome in _outcomes(stage, kills, damage, seed):
-            outcomes.append(outcome)
+        for fault in _faults(kind, kills, damage, seed):
+            outcomes.append(outcome := tried(fault, stage.set_up))
             console.print(line(outcome), highlight=False, markup=False)
         changed = stage.bring_back()
     for what in changed:
         warn(f"not as it was: {what}")
-    write_json(to_json({"outcomes": [outcome._asdict() for outcome in outcomes], "changed": changed}), json)
+    write_json(
+        to_json({"outcomes": [{"fault": one.fault, **NOTHING_FOUND, **one.to_dict()} for one in outcomes], "changed": changed}),
+        json,
+    )
     if json != STDOUT:
         Console().print(distribution(outcomes) if kills else table(outcomes))
     if changed or any(outcome.problem for outcome in outcomes):
@@ -116,50 +122,51 @@ def _assigned(settings: list[str]) -> dict[str, object]:
     return {name: yaml.safe_load(value) for name, _, value in (text.partition("=") for text in settings)}
 
 
-def _outcomes(stage: Stage, kills: int, damage: int, seed: int) -> Iterator[Outcome]:
-    if not isinstance(stage, GrblStage):
-        return rehearse(stage, CONTRACT)
-    return rehearse(stage, killed(kills, seed) if kills else damages(damage, seed) if damage else FAULTS)
+def _faults(kind: type[Stage], kills: int, damage: int, seed: int) -> Iterable[Fault[Any]]:
+    if kind is Stage:
+        return CONTRACT
+    return killed(kills, seed) if kills else damages(damage, seed) if damage else FAULTS
 
 
 def line(outcome: Outcome) -> str:
     """The result of a fault, as a line of text."""
-    result = (outcome.problem or "as it must be") + tried(outcome)
-    way = "" if outcome.travelled is None else f", {1e3 * outcome.travelled:.2f} mm"
-    return f"{outcome.fault}: {result}{way}" + ("" if outcome.seconds is None else f" in {outcome.seconds:.2f} s")
+    seconds, way, _ = figures(outcome, 2)
+    went = way and f", {way}" + (seconds and f" in {seconds}")
+    return f"{outcome.fault}: {outcome.problem or 'as it must be'}{outcome.tried}{went}"
+
+
+def figures(outcome: Outcome, digits: int) -> list[str]:
+    """When the pusher rested, how far it went and may have gone; empty if it was not to stop."""
+    found, scales = outcome.found, {"seconds": (1.0, 2, "s"), "travelled": (1e3, digits, "mm"), "allowed": (1e3, digits, "mm")}
+    shown = ((found.get(name), *scale) for name, scale in scales.items())
+    return ["" if value is None else f"{scale * value:.{digits}f} {unit}" for value, scale, digits, unit in shown]
 
 
 def table(outcomes: list[Outcome]) -> Table:
     """A row for each fault."""
-    shown = Table(box=None)
-    for column in ("fault", "rests after", "travelled", "allowed", ""):
-        shown.add_column(column, justify="left" if column in ("fault", "") else "right")
+    shown = headed("fault", "rests after", "travelled", "allowed", "")
     for outcome in outcomes:
-        seconds = "" if outcome.seconds is None else f"{outcome.seconds:.2f} s"
-        lengths = ["" if way is None else f"{1e3 * way:.1f} mm" for way in (outcome.travelled, outcome.allowed)]
-        shown.add_row(outcome.fault, seconds, *lengths, (outcome.problem or "ok") + tried(outcome))
+        shown.add_row(outcome.fault, *figures(outcome, 1), (outcome.problem or "ok") + outcome.tried)
     return shown
 
 
-def tried(outcome: Outcome) -> str:
-    """How often a fault was tried, if its push ended before it."""
-    return f", at the {outcome.tries}. try" if outcome.tries > 1 else ""
+def headed(first: str, *columns: str) -> Table:
+    """A table without rows; figures stand on the right."""
+    shown = Table(box=None)
+    for column in (first, *columns):
+        shown.add_column(column, justify="left" if column in (first, "") else "right")
+    return shown
 
 
 def distribution(outcomes: list[Outcome]) -> Table:
     """How far the pusher went after a kill, for each kind of process."""
-    shown = Table(box=None)
-    for column in ("killed", "times", "median", "90 %", "farthest", "allowed", "failed"):
-        shown.add_column(column, justify="left" if column == "killed" else "right")
+    shown = headed("killed", "times", "median", "90 %", "farthest", "allowed", "failed")
     for kind in KINDS:
         ours = [outcome for outcome in outcomes if outcome.fault == kind]
-        ways = sorted(outcome.travelled for outcome in ours if outcome.travelled is not None)
+        found = [outcome.found for outcome in ours if outcome.found.get("travelled") is not None]
+        ways = sorted(one["travelled"] for one in found)
         if ways:
-            chosen = (ways[len(ways) // 2], ways[(9 * len(ways)) // 10], ways[-1], ours[0].allowed or 0.0)
-            shown.add_row(kind, str(len(ours)), *(f"{1e3 * way:.2f} mm" for way in chosen), str(sum(map(failed, ours))))
+            chosen = (ways[len(ways) // 2], ways[(9 * len(ways)) // 10], ways[-1], found[0]["allowed"])
+            wrong = sum(outcome.problem is not None for outcome in ours)
+            shown.add_row(kind, str(len(ours)), *(f"{1e3 * way:.2f} mm" for way in chosen), str(wrong))
     return shown
-
-
-def failed(outcome: Outcome) -> bool:
-    """Whether a fault did not end as it must."""
-    return outcome.problem is not None

@@ -1,4 +1,4 @@
-"""The stage of a rehearsal with any driver: the processes, and the truth as the actuator publishes it."""
+"""The stage of faults with any driver: the processes, and the truth as the actuator publishes it."""
 
 import bisect
 import contextlib
@@ -6,12 +6,10 @@ import os
 import pathlib
 import signal
 import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple, Self
 
 from pushfric_core.bags.samples import stamp_from_msg
@@ -20,7 +18,8 @@ from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, Pus
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.graph.fork_server import die_with_parent
+from pushfric_ros.faults.fault import EndedEarly, Fault, Otherwise, tried
+from pushfric_ros.faults.processes import PROGRAM, end, started, words_of
 from pushfric_ros.graph.graph import NodeSpec
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.person import NoAnswer, Person
@@ -34,15 +33,10 @@ BACK = 10.0  # a pusher that has come back is heard where it began within this l
 EVENT_TIMEOUT = 180.0  # how long an event may take on a busy machine [s]
 LEAST_PUSH = 0.5  # shortest time at full speed in a push [s]
 RESET_AGAIN = 2.0  # until a reset that was not enough is repeated [s]
-TRIES = 5  # of what a busy machine may interrupt
 
 
 class NotRehearsed(PushfricError):
     """The rehearsal cannot go on."""
-
-
-class EndedEarly(PushfricError):
-    """A push ended before its fault was caused: on a busy machine, the controller may seem silent."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +58,8 @@ class Heard(NamedTuple):
     moves: bool
 
 
-class Stage(contextlib.AbstractContextManager["Stage"]):
-    """A context manager: on leaving, it ends the processes and stops the pusher. The caller calls `bring_back`.
+class Stage(contextlib.ExitStack):
+    """A context manager: on leaving, it ends the processes and stops the pusher. The caller calls `open` and `bring_back`.
 
     Where the pusher is, the actuator publishes; if it has died, where the pusher rests is what the next actuator finds.
     """
@@ -80,9 +74,11 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             given: what the user gives.
             say: called with a line for people about whatever goes wrong on the way.
         """
+        super().__init__()
         self.given, self.say = given, say
         self.namespace = f"/rehearsal_{os.getpid()}"
         self.heard: list[Heard] = []
+        self.first = 0  # the first report since the stage was ready, its index
         self.states: list[tuple[float, PusherState]] = []  # published, and of when
         self.broken_out: float | None = None  # where the pusher left the stroke, if it did [m]
         self.actuator: subprocess.Popen[str] | None = None
@@ -91,9 +87,9 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         self.position = 0.0  # where the rehearsal began, as the driver counts it [m]
         self._changes: dict[str, Any] = {}  # of the actuator's settings, for one fault
         self._started = 0.0  # the present actuator, when
-        self._leaving = contextlib.ExitStack()
+        self._again = 0.0  # when a service may be called once more
 
-    def __enter__(self) -> Self:
+    def open(self) -> None:
         """Open the pusher, and check that it can be rehearsed with.
 
         Raises:
@@ -101,36 +97,13 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             NotRehearsed: the controller is not at rest, unlocked and homed, or stands in the wrong place.
             InvalidInput: the port cannot be opened, or stroke or speed do not fit the controller.
         """
-        with self._leaving as leaving:
-            self.folder = pathlib.Path(leaving.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
-            self._open(leaving)
-            leaving.callback(self._come_to_rest)
-            with self.driver(look=True) as pusher:
-                if pusher.mode is not Mode.IDLE:
-                    raise NotRehearsed(f"the controller is {pusher.mode.value}: expected one that rests, unlocked and homed")
-                self.limits, self.position = pusher.limits, pusher_position(pusher)
-            self._look()
-            self._check()
-            leaving.callback(self._end_processes)
-            self.person = leaving.enter_context(Person(self.namespace))
-            leaving.enter_context(self.person.hearing(PusherState, "pusher_state", RELIABLE, self._on_state))
-            self._leaving = leaving.pop_all()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._leaving.close()
-
-    def _open(self, leaving: contextlib.ExitStack) -> None:
-        """Open what stands between the actuator and the controller."""
-
-    def _look(self) -> None:
-        """Take note of what must not change."""
-
-    def heal(self) -> None:
-        """From now on, all between the actuator and the controller works."""
-
-    def _check(self) -> None:
         given = self.given
+        self.folder = pathlib.Path(self.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
+        self.callback(self._come_to_rest)
+        with self.driver(look=True) as pusher:
+            if pusher.mode is not Mode.IDLE:
+                raise NotRehearsed(f"the controller is {pusher.mode.value}: expected one that rests, unlocked and homed")
+            self.limits, self.position = pusher.limits, pusher_position(pusher)
         if self.position < -self.same:
             here = f"the controller stands at {1e3 * self.position:.3f} mm"
             raise NotRehearsed(f"{here}, expected 0 or more: set its work zero, or reverse the axis")
@@ -139,6 +112,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         least = self.margin + LEAST_PUSH * given.speed
         if given.stroke < least:
             raise InvalidInput(f"--stroke must be at least {1e3 * least:.0f} mm at this speed, got {1e3 * given.stroke:g} mm")
+        self.callback(self._end_processes)
+        self.person = self.enter_context(Person(self.namespace))
+        self.enter_context(self.person.hearing(PusherState, "pusher_state", RELIABLE, self._on_state))
+
+    def heal(self) -> None:
+        """From now on, all between the actuator and the controller works."""
 
     @property
     def braking(self) -> float:
@@ -169,10 +148,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         Raises:
             NotRehearsed: nothing more can be done with the controller.
         """
-        if hasattr(self, "person"):
-            self.person.spin(seconds)
-        else:
-            time.sleep(seconds)
+        self.person.spin(seconds)
 
     def wait(self, condition: Callable[[], object], what: str, seconds: float = EVENT_TIMEOUT) -> None:
         """Wait until a condition holds.
@@ -255,11 +231,14 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
     @contextlib.contextmanager
     def driver(self, look: bool = False) -> Iterator[Pusher]:
         """The driver alone, in this process, connected; to `look` only, if it can."""
-        config, driver = self.config()
-        with contextlib.closing(driver.open_pusher(config)) as pusher:
+        with contextlib.closing(self._pusher(look)) as pusher:
             pusher.connect()
             drive(pusher)
             yield pusher
+
+    def _pusher(self, look: bool) -> Pusher:
+        config, driver = self.config()
+        return driver.open_pusher(config)
 
     def config(self) -> tuple[PusherConfig, PusherDriver]:
         """The settings of the actuator: those of any cell, except for the place."""
@@ -269,18 +248,29 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
 
     def start_actuator(self, **changes: Any) -> None:
         """Start an actuator, with other settings until the pusher is brought back."""
+        self.end_actuator()
         self._changes = changes
         config, driver = self.config()
         spec = NodeSpec("actuator", {**plain(config), **plain(driver)})
         self.states.clear()
         self._started = time.monotonic()
         with open(self.log, "a") as log:
-            self.actuator = self.process(command(spec, self.namespace, self.folder), log)
+            self.actuator = started(command(spec, self.namespace, self.folder), self.folder, log)
 
     def end_actuator(self) -> None:
         if self.actuator is not None:
             end(self.actuator)
             self.actuator = None
+
+    @contextlib.contextmanager
+    def set_up(self) -> Iterator[Self]:
+        """The stage, made `ready` for a fault."""
+        self.ready()
+        self.first = len(self.heard)
+        try:
+            yield self
+        except NoAnswer as error:
+            raise Otherwise(str(error)) from error
 
     def ready(self) -> None:
         """Have an actuator that accepts pushes, and the pusher where the rehearsal began.
@@ -295,10 +285,7 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             self.client = None
         if self._changes:
             self.end_actuator()
-        if self.actuator is not None:
-            self.actuator.send_signal(signal.SIGCONT)
-        if self.actuator is None or self.actuator.poll() is not None:
-            self.start_actuator()
+        self.witness()
         self.make_ready()
         if abs(self.along()) > self.same:
             try:
@@ -318,18 +305,12 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         Raises:
             NotRehearsed: the actuator does not become ready.
         """
-        again = 0.0
 
         def idle() -> bool:
-            nonlocal again
-            if self.mode() == PusherState.MODE_IDLE:
-                return True
-            if self.mode() in (PusherState.MODE_ALARM, PusherState.MODE_HOLD) and time.monotonic() > again:
-                with contextlib.suppress(NoAnswer):
-                    self.person.call("actuator/reset")
-                again = time.monotonic() + RESET_AGAIN
+            waits = self.mode() in (PusherState.MODE_ALARM, PusherState.MODE_HOLD)
+            if waits and self.insist("actuator/reset"):
                 self.states.clear()
-            return False
+            return self.mode() == PusherState.MODE_IDLE
 
         try:
             self.wait(idle, "the actuator to be ready")
@@ -337,25 +318,34 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
             last = (self.log.read_text(errors="replace").strip().splitlines() or ["nothing"])[-1]
             raise NotRehearsed(f"{error}; it said last: {last}") from error
 
-    def push(self) -> None:
-        """Start another process, which owns a push over the whole reach."""
-        way, speed = self.reach, self.given.speed
-        self.client = self.process(
-            [sys.executable, "-m", "pushfric_core", "jog", "--namespace", self.namespace, "--speed", f"{speed}", f"{way}"]
-        )
+    def insist(self, service: str) -> bool:
+        """Call a service as a person does who sees that once was not enough; whether it was called now."""
+        if time.monotonic() < self._again:
+            return False
+        with contextlib.suppress(NoAnswer):
+            self.person.call(service)
+        self._again = time.monotonic() + RESET_AGAIN
+        return True
 
     def under_way(self, share: float = MID_PUSH) -> None:
-        """Start a push, and wait until it has covered this share of the reach.
+        """Have another process, which owns it, push over the whole reach; wait until this share of it is covered.
 
         Raises:
             EndedEarly: the push ended before.
             NotRehearsed: the push does not begin, or the pusher left its stroke.
         """
-        self.push()
+        way = ("--namespace", self.namespace, "--speed", f"{self.given.speed}", f"{self.reach}")
+        self.client = client = started((*PROGRAM, "jog", *way), self.folder)
+        self.wait(lambda: self.along() > share * self.reach or client.poll() is not None, "the push")
+        if client.poll() is not None:
+            raise EndedEarly(f"the push ended before the fault: {words_of(client)}")
+
+    def client_ends(self) -> "subprocess.Popen[str]":
+        """Wait until the client of the push has ended; return it."""
         assert self.client is not None
-        self.wait(lambda: self.along() > share * self.reach or self.client.poll() is not None, "the push")  # type: ignore
-        if self.client.poll() is not None:
-            raise EndedEarly(f"the push ended before the fault: {words_of(self.client)}")
+        client = self.client
+        self.wait(lambda: client.poll() is not None, "the end of the push")
+        return client
 
     def mode(self) -> int | None:
         """The mode that the present actuator published last; None if it has published none."""
@@ -378,18 +368,6 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         """The file with the output of the actuators."""
         return self.folder / "actuator.log"
 
-    def process(self, arguments: Sequence[str], output: Any = subprocess.PIPE) -> "subprocess.Popen[str]":
-        """Start a process out of reach of the terminal's Ctrl-C; it ends with this process."""
-        return subprocess.Popen(
-            arguments,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-            preexec_fn=partial(die_with_parent, signal.SIGTERM),
-        )
-
     def _end_processes(self) -> None:
         for process in (self.client, self.actuator):
             if process is not None:
@@ -409,15 +387,11 @@ class Stage(contextlib.AbstractContextManager["Stage"]):
         """Leave everything as it was; return what could not be restored.
 
         Raises:
-            NotRehearsed, EndedEarly: as `ready` does, when it was tried as often as a fault is.
+            NotRehearsed: as `ready` does, or it was tried as often as a fault is.
         """
-        for left in reversed(range(TRIES)):
-            try:
-                self.ready()
-                break
-            except EndedEarly:
-                if not left:
-                    raise
+        back = tried(Fault("the way back", lambda stage: None, lambda stage, begin, found: None), self.set_up)
+        if back.problem is not None:
+            raise NotRehearsed(back.problem)
         self._end_processes()
         return []
 
@@ -439,18 +413,3 @@ def pusher_position(pusher: Pusher) -> float:
             raise NotRehearsed("the controller reports no position")
         time.sleep(0.003)
     return report.position
-
-
-def words_of(process: "subprocess.Popen[str]") -> str:
-    """The last line that an ended process printed."""
-    assert process.stdout is not None
-    return (process.stdout.read().strip().splitlines() or ["nothing"])[-1]
-
-
-def end(process: "subprocess.Popen[str]") -> None:
-    """Ask a process to end, then kill it."""
-    for number, seconds in ((signal.SIGCONT, 0.0), (signal.SIGTERM, 8.0), (signal.SIGKILL, 8.0)):
-        if process.poll() is None:
-            process.send_signal(number)
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(seconds)
