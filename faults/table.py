@@ -26,7 +26,7 @@ def table(faults: Sequence[Mapping[str, Any]]) -> str:
         tries = [tried for fault in alike for tried in fault["tries"]]
         good = sum(tried["problem"] is None for tried in tries)
         wrong = [f"; {tried['problem']}" for tried in tries if tried["problem"] is not None]
-        again = "".join(f", 1 at the {tried['tries']}. try" for tried in tries if tried["tries"] > 1)
+        again = "".join(f", 1 on try {tried['tries']}" for tried in tries if tried["tries"] > 1)
         names = merged(fault["fault"] for fault in alike)
         rows.append((names, asked, seen(tries) + "".join(wrong), f"{good} of {len(tries)}{again}"))
     return markdown(("fault", "what follows", "seen", "as asked"), rows)

@@ -26,7 +26,7 @@ def test_the_document_shows_the_evidence():
     assert DOCUMENT.read_text(encoding="utf-8") == page()
     told = {"asked": "all ends", "tries": [{"seen": "exit code 1 after 3 s", "problem": "lost", "tries": 2}]}
     *_, row = table([told | {"fault": fault.name} for fault in CASES[:2]]).splitlines()
-    again = "1 at the 2. try, 1 at the 2. try"
+    again = "1 on try 2, 1 on try 2"
     assert row == f"| kill -9 of tracker, estimator | all ends | exit code 1 after 3 s; lost; lost | 0 of 2, {again} |"
 
 

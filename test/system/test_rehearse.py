@@ -96,7 +96,7 @@ def test_a_fault_that_was_not_caused_is_tried_again_and_says_so(rehearsed, monke
     monkeypatch.setattr(faults, "TRIES", 2)
     said = rehearsed()
     assert said.returncode == 1
-    assert re.search(f"{row.name}: the push ended before .*, at the 2. try", said.stderr)
+    assert re.search(f"{row.name}: the push ended before .*, on try 2", said.stderr)
 
 
 @pytest.fixture

@@ -41,7 +41,7 @@ class Outcome(NamedTuple):
     @property
     def tried(self) -> str:
         """How often a fault was tried, if its run ended before it."""
-        return f", at the {self.tries}. try" if self.tries > 1 else ""
+        return f", on try {self.tries}" if self.tries > 1 else ""
 
     def to_dict(self) -> dict[str, Any]:
         """All but the name of the fault."""
