@@ -4,9 +4,11 @@ import heapq
 import pathlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from rosbags.interfaces import Qos
+if TYPE_CHECKING:
+    from rosbags.interfaces import Qos  # not otherwise: what reads CSVs alone needs no rosbags
+
 
 FIRST_NUMBER = "pushfric_first_number"
 """In the metadata of a channel: the number of its topic's first message; the others follow. It is drawn for each recording, so
@@ -70,7 +72,7 @@ class Topic:
 
     name: str
     type_name: str
-    qos_profiles: tuple[Qos, ...]
+    qos_profiles: "tuple[Qos, ...]"
     type_hash: str  # RIHS01_...; empty in bags older than ROS 2 Jazzy
     message_count: int  # of those that can be read
     definition: Definition
