@@ -155,6 +155,7 @@ class GrblStage(Stage):
                 self.insist(answer)
             # a push that a pause of the computer ended is repeated: only in one that goes on is there anything to stop
             pushes = bool(self.states) and self.states[-1][1].push_id != PusherState.NO_PUSH
+            pushes = pushes and self.heard[-1].moves  # a state comes later than the controller's own report
             return (pushes and self.along() > share * distance) or run.poll() is not None
 
         try:
