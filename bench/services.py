@@ -199,8 +199,13 @@ def _crowd() -> Figures:
         spin(lambda: all(answer.done() for answer in at_once))
 
         def ask(client: Client, left: int) -> None:
+            def on_answer(answer: Future) -> None:
+                if not answer.result().success:
+                    raise RuntimeError(f"the planner refused a request: {answer.result().message}")
+                ask(client, left - 1)
+
             if left:
-                timed(client, asked, answers).add_done_callback(lambda _: ask(client, left - 1))
+                timed(client, asked, answers).add_done_callback(on_answer)
 
         for client in clients:
             ask(client, TIMES)

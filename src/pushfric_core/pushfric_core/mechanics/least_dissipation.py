@@ -23,7 +23,7 @@ ENDLESS, WEDGED = -1, -2
 """Failures of `push_each`: a motion did not converge, or no sliding motion keeps the tip in contact."""
 
 BISECTIONS = 100
-"""Bound on the steps of a search on a line; about ten are usual."""
+"""Bound on the steps of a search on a line; about six are usual."""
 
 NARROW = 1e-12
 """The search for a turn ends when a step, or the bracket, moves the supports by less than this share of the tip's way."""

@@ -153,10 +153,11 @@ class GrblStage(Stage):
             # on a busy machine a controller may seem silent; then a push is given up, and the cell asks what to do
             if progress and (answer := ANSWERS.get(progress[-1].phase)) is not None:
                 self.insist(answer)
-            # a push that a pause of the computer ended is repeated: only in one that goes on is there anything to stop
+            # a push that a pause of the computer ended is repeated: only in one that goes on is there anything to stop; whether
+            # it does, the controller says before the state
+            moves = self.heard[-1].moves and self.along() > share * distance
             pushes = bool(self.states) and self.states[-1][1].push_id != PusherState.NO_PUSH
-            pushes = pushes and self.heard[-1].moves  # a state comes later than the controller's own report
-            return (pushes and self.along() > share * distance) or run.poll() is not None
+            return (moves and pushes) or run.poll() is not None
 
         try:
             with self.person.hearing(PlanProgress, "plan_progress", LATCHED, progress.append):

@@ -53,7 +53,7 @@ class LineDamage(NamedTuple):
 
     def begin(self, line: FaultyLine) -> None:
         """Damage a line from now on."""
-        setattr(line, f"to_{self.way}", self.filtered(line))
+        line.damage(**{f"to_{self.way}": self.filtered(line)})
         setattr(line, f"delay_to_{self.way}", self.delay)
 
 

@@ -311,24 +311,24 @@ def moved_alone(stage: GrblStage) -> list[tuple[float, bytes]]:
     line = f"$J=G21G91{stage.grbl.axis[-1]}{stage.sign * 1e3 * stage.reach:.3f}F{60e3 * slow:.3f}\n"
     stage.line.tell_controller(line.encode())
     stage.wait(lambda: stage.along() > 0.02 * stage.reach, "somebody else's motion")
-    sent: list[tuple[float, bytes]] = []
+    passed: list[tuple[float, bytes]] = []
 
     def listen(data: bytes) -> bytes:
-        sent.append((time.monotonic(), data))
+        passed.append((time.monotonic(), data))
         return data
 
     stage.line.damage(to_controller=listen)
-    return sent
+    return passed
 
 
 def found_moving(stage: GrblStage) -> float:
     """Start a new actuator while the controller carries out another program's line."""
-    sent = moved_alone(stage)
+    passed = moved_alone(stage)
     stage.start_actuator()
-    stage.wait(lambda: sent, "the first question")
+    stage.wait(lambda: passed, "the first question")
     if stage.along() > stage.reach - stage.same:
         raise EndedEarly("the other program's motion ended before an actuator was there")
-    return sent[0][0]
+    return passed[0][0]
 
 
 def late_greeting(stage: GrblStage) -> None:
@@ -367,11 +367,11 @@ def hostile_settings(stage: GrblStage) -> None:
 
 def looked_at(stage: GrblStage) -> None:
     """Run the doctor while the controller moves: it must send only questions, and say that the controller moves."""
-    sent = moved_alone(stage)
+    passed = moved_alone(stage)
     config, driver = stage.config()
     check, _ = check_controller(driver, Grbl(), config)
     stage.heal()
-    asked = b"".join(data for _, data in sent)
+    asked = b"".join(data for _, data in passed)
     demand(set(asked) == {ord("?")}, f"the doctor sent {asked[:40]!r}")
     demand("it moves now" in check.finding, f"the doctor found {check.finding!r}")
 
