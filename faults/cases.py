@@ -21,7 +21,7 @@ from faults.camera import NAMESPACE
 from faults.cell_run import CellRun
 from faults.quota import cpu_quota
 from pushfric_core.bags.bag import Bag
-from pushfric_core.commands.bag import recover
+from pushfric_core.bags.recovery import recover
 from pushfric_ros.faults.fault import EndedEarly, Fault, demand
 from pushfric_ros.faults.processes import NODES, PROGRAM, pid_of
 
@@ -256,7 +256,7 @@ REASONS = {
     "estimator": f"estimator {SILENT}",
     "experiment": f"its client {SILENT}",
     "actuator": f"the pusher (does not answer|forgot it)|stood still for|{SILENT}.*the actuator itself stood still",
-    "simulated_cell": f"the controller at|no report of|lost .*pusher|{UNSEEN}",
+    "simulated_cell": f"the controller at|no report of|no answer to|lost .*pusher|{UNSEEN}",
     "recorder": "(?!)",
 }
 """By the node that is struck: why a push may be aborted."""

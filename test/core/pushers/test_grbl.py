@@ -516,6 +516,13 @@ def test_a_stroke_whose_pieces_were_discarded_is_not_continued(peer):
     assert b"$J" not in peer.heard
 
 
+def test_a_controller_that_does_not_report_is_not_said_to_stand_still(peer):
+    pusher = connect(peer, silence=1.2)  # more than a pusher may stand still
+    begin_move(pusher, peer)
+    peer.status = ""
+    fail(pusher, Timeout, "no report of .* in mid-stroke", peer)
+
+
 def test_a_jog_that_stands_still_is_held(peer):
     """On grblHAL, a door that opens at the end of a jog leaves the state Jog, for ever."""
     pusher = connect(peer, silence=0.2)

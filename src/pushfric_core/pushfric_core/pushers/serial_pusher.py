@@ -371,8 +371,8 @@ class SerialPusher(Driver):
                 slowed = stroke.is_slowed(last.position, last.speed, line.reported_of)
                 if slowed and axis.status.feed is not None:
                     raise Held(f"held at the controller: the pusher slowed down at {last.position:.4f} m")
-            if now - moved > max(STANDS, self._silence):
-                raise Held(f"held at the controller: the pusher stands still at {place:.4f} m")
+                if now - moved > max(STANDS, self._silence):
+                    raise Held(f"held at the controller: the pusher stands still at {place:.4f} m")
             stroke.check_time(now - began)
             waits = waits and (axis.status is None or axis.status.state != "Idle" or axis.statuses == seen)
             if line.pending is None and axis.statuses > seen:
