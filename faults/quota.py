@@ -25,11 +25,13 @@ def cpu_quota(percent: float, pid: int) -> Iterator[str]:
         try:
             group = undo.enter_context(_group(percent))
         except OSError:
-            loops = os.cpu_count() * math.ceil(100 / percent - 1)  # type: ignore[operator]
+            one, loops = {min(os.sched_getaffinity(pid))}, math.ceil(100 / percent - 1)
+            os.sched_setaffinity(pid, one)
             for _ in range(loops):
                 busy = undo.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
+                os.sched_setaffinity(busy.pid, one)
                 undo.callback(busy.kill)
-            yield f"{loops} busy processes"
+            yield f"{loops} busy processes on the one processor that is left to it"
         else:
             (group / "cgroup.procs").write_text(str(pid))
             yield f"a control group with {percent:g} % of a processor"
@@ -43,6 +45,7 @@ def _group(percent: float) -> Iterator[pathlib.Path]:
         OSError: none can be made here.
     """
     group = GROUPS / f"pushfric-{os.getpid()}"
+    (GROUPS / "cgroup.controllers").read_text()  # only version 2 has it
     group.mkdir()
     try:
         (group / "cpu.max").write_text(f"{round(PERIOD * percent / 100)} {PERIOD}")
