@@ -1,12 +1,17 @@
 """Faults between camera and tracker, in the middle of a push.
 
-`python -m faults.camera FOLDER` runs a simulated cell in real time, whose tracker hears another camera; its files are there.
+`python -m faults.camera FAULT FOLDER` runs a simulated cell in real time, whose tracker hears a camera with this fault; its
+files are in the folder. `python -m faults.camera FAULT` is that camera.
 """
 
 import array
+import contextlib
 import pathlib
+import signal
+import subprocess
 import sys
 import tempfile
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -15,7 +20,6 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 
@@ -27,10 +31,12 @@ from pushfric_core.commands.program import run
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.watch import watch
+from pushfric_ros.faults.fault import EndedEarly
 from pushfric_ros.graph import graph
+from pushfric_ros.graph.fork_server import die_with_parent
 from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
-from pushfric_ros.node_kit.visit import Visit
 
 NAMESPACE = "/cell"
 TRUE, SHOWN = "camera/image_raw", "image_raw"
@@ -38,6 +44,9 @@ TRUE, SHOWN = "camera/image_raw", "image_raw"
 
 BEGIN = 0.015
 """The fault begins when the pusher has come this far [m]: in the middle of the first push."""
+
+BEGUN = "the camera is at fault"
+"""What the camera prints then."""
 
 HOUR = 3600 * 10**9
 
@@ -109,6 +118,7 @@ FAULTS: dict[str, Callable[[Seen], list[Frame]]] = {
     "every frame twice": lambda seen: [seen.now, seen.now],
     "stamps of a foreign clock": lambda seen: [seen.now._replace(stamp=seen.now.stamp + HOUR)],
     "clock set back by an hour": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR)],
+    "clock set forward by an hour": lambda seen: [seen.now._replace(stamp=seen.now.stamp + HOUR)],
     "clock set back for a second": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR * (seen.count < 14))],
 }
 """By the name of the fault: which frames the tracker gets, from those that the camera has seen."""
@@ -117,8 +127,8 @@ FAULTS: dict[str, Callable[[Seen], list[Frame]]] = {
 class FaultyCamera(Node):
     """Passes images on; from the middle of the first push, it passes on what the fault makes of them."""
 
-    def __init__(self, fault: str, context: rclpy.Context) -> None:
-        super().__init__("faulty_camera", namespace=NAMESPACE, context=context)
+    def __init__(self, fault: str) -> None:
+        super().__init__("faulty_camera", namespace=NAMESPACE)
         self._shown_of, self._seen = FAULTS[fault], Seen()
         self._begun = "foreign" in fault  # this one is there from the start
         self._out = self.create_publisher(Image, SHOWN, SENSOR_DATA)
@@ -132,6 +142,8 @@ class FaultyCamera(Node):
         if not self._begun:
             self._out.publish(msg)
             return
+        if not self._seen.count:
+            print(BEGUN, flush=True)
         seen, picture = self._seen, np.frombuffer(msg.data, np.uint8).reshape(msg.height, msg.width)
         seen.last.append(Frame(picture, stamp_from_msg(msg.header.stamp)))
         seen.first, seen.count = [*seen.first, seen.now][:2], seen.count + 1
@@ -142,16 +154,26 @@ class FaultyCamera(Node):
             self._out.publish(shown)
 
 
-def start(fault: str, cell: CellRun) -> None:
-    """Start a cell with this fault; its camera fails while the run waits for anything."""
-    visit = cell.enter_context(Visit(partial(FaultyCamera, fault)))
-    cell.pause = visit.spin_once
-    cell.start(sys.executable, "-m", "faults.camera", str(cell.folder))
+def start(fault: str, cell: CellRun) -> float:
+    """Start a cell with this fault; returns when its camera fails.
+
+    Raises:
+        EndedEarly: the first push ended before that.
+    """
+    cell.start(sys.executable, "-m", "faults.camera", fault, str(cell.folder))
+    cell.wait_for_output(rf"{BEGUN}|push \d+ aborted")
+    if BEGUN not in cell.output:
+        raise EndedEarly(f"the push ended before the fault: {cell.output}")
+    return time.monotonic()
 
 
-def main(folder: pathlib.Path) -> None:
+def main(fault: str, folder: pathlib.Path) -> None:
     """Run a cell with the tolerances of a real one, whose tracker does not hear its camera."""
-    with tempfile.TemporaryDirectory(prefix="pushfric-") as scratch:
+    with tempfile.TemporaryDirectory(prefix="pushfric-") as scratch, contextlib.ExitStack() as end:
+        command = [sys.executable, "-m", "faults.camera", fault]
+        camera = subprocess.Popen(command, preexec_fn=partial(die_with_parent, signal.SIGTERM))
+        end.callback(camera.wait)
+        end.callback(camera.terminate)
         plan = PlanConfig(plan=str(folder / "plan.yaml"))
         cell = replace(demo_cell("wood_rect4", pathlib.Path(scratch)), plan=plan)
         tolerances = {name: getattr(plan, name) for name in ("clock_tolerance", "follow_tolerance", "lost_object")}
@@ -168,4 +190,5 @@ def main(folder: pathlib.Path) -> None:
 
 
 if __name__ == "__main__":
-    run(lambda: main(pathlib.Path(sys.argv[1])))
+    _, fault, *folder = sys.argv
+    run(lambda: main(fault, pathlib.Path(*folder)) if folder else run_node(lambda: FaultyCamera(fault), images=True))

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from pushfric_ros.faults.fault import EndedEarly, Otherwise
 from pushfric_ros.faults.processes import PROGRAM, nodes_alive, started
 
-STANDSTILL = 600.0
+STANDSTILL = 300.0
 """A run that prints nothing for this long does nothing more [s]."""
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -35,7 +35,6 @@ class CellRun(contextlib.ExitStack):
     Attributes:
         bag: where the run makes its bag.
         plan: file with a plan of four pushes.
-        pause: called to wait for so long [s].
     """
 
     process: "subprocess.Popen[str]"
@@ -45,7 +44,6 @@ class CellRun(contextlib.ExitStack):
         super().__init__()
         self.folder, self.bag, self.plan = folder, folder / "bag", folder / "plan.yaml"
         self.plan.write_text(PLAN)
-        self.pause: Callable[[float], object] = time.sleep
         self._lines: list[str] = []
 
     def demo(self, short: bool = False, through: str = "") -> None:
@@ -92,7 +90,7 @@ class CellRun(contextlib.ExitStack):
                 printed, since = len(self._lines), time.monotonic()
             if time.monotonic() - since > STANDSTILL:
                 raise Otherwise(f"{what} did not come, and nothing was said for {STANDSTILL:.0f} s, only: {self.output}")
-            self.pause(0.05)
+            time.sleep(0.05)
 
     def wait_for_push(self) -> None:
         """Wait until the first push is over and the second under way.

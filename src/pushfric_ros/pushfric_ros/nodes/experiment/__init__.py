@@ -226,7 +226,7 @@ class ExperimentNode(Node):
                 made = min(made, time.monotonic())
             awaited = self._estimator.lacks(push_id) and self._operator.choice is None
             come = time.monotonic() - made > (0 if self._estimator.heard else LATE)
-            if not awaited or come or self._object.unseen:
+            if not awaited or come or self._unobservable():
                 return None
             return f"waiting for {self._others.unwell() or 'its observations'}"
 
@@ -236,7 +236,11 @@ class ExperimentNode(Node):
         lack = self._estimator.lacks(push_id)
         if lack is None or (lack != NOT_OBSERVED and not self._operator.attended):
             return None
-        return lack + "; the object is not seen" * self._object.unseen
+        return "; ".join(filter(None, (lack, self._unobservable())))
+
+    def _unobservable(self) -> str | None:
+        """Why no observation is made at present; None if it may be."""
+        return "the object is not seen" if self._object.unseen else self._others.foreign_clock()
 
     def _look(self) -> None:
         self._estimator.ask_exclusions()
