@@ -25,7 +25,7 @@ from rosbags.rosbag2.metadata import parse_qos
 from pushfric_core.bags.contents import FIRST_NUMBER, UNKNOWN_TOPIC, BagMessage, Definition, Gap, Topic, in_order
 from pushfric_core.bags.message_types import decoder
 from pushfric_core.bags.rosbag2_metadata import CONVERT, BagMetadata, embedded_metadata
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files.disk import reading
 from pushfric_core.files.yaml_text import load_yaml
 from pushfric_core.wording import counted
@@ -50,7 +50,7 @@ _BLOCK = 2**20
 _FAILURES = (McapError, ValueError, struct.error, zstandard.ZstdError, RuntimeError, EOFError, MemoryError, OverflowError)
 
 
-class Unsound(Exception):
+class Unsound(ValueError):
     """Bytes that cannot be trusted; the text says why."""
 
 
@@ -326,10 +326,8 @@ class McapFile:
             raise InvalidInput(f"{where} is encoded as {channel.message_encoding[:80]!r}, expected ROS 2 messages (cdr)")
         if schema is None:
             raise InvalidInput(f"{where} has no type, expected that of a ROS 2 message")
-        try:
+        with blaming(f"{where} has QoS profiles that are not those of rosbag2"):
             profiles = profiles_from(channel.metadata.get("offered_qos_profiles", ""))
-        except ValueError as error:
-            raise InvalidInput(f"{where} has QoS profiles that are not those of rosbag2: {error}") from error
         hash_text = channel.metadata.get("topic_type_hash", "")
         count = len(self._numbers.get(channel.id, ()))
         return Topic(channel.topic, schema.name, profiles, hash_text, count, definition_of(schema))
@@ -443,10 +441,8 @@ class GrowingFile:
                         elif isinstance(one, Message) and self._channels[one.channel_id].topic in self._names:
                             found.append(self._decoded(one))
                     self._position = after
-        except Unsound as error:
-            raise ValueError(f"{self.path}: {error}") from error
         except KeyError as error:
-            raise ValueError(f"{self.path}: a message of which the topic or the type is not defined: {error}") from error
+            raise Unsound(f"a message of which the topic or the type is not defined: {error}") from error
         return found
 
     def _decoded(self, message: Message) -> Input:

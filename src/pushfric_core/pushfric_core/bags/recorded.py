@@ -14,7 +14,7 @@ from pushfric_core.bags.rosbag2_metadata import METADATA
 from pushfric_core.bags.run_record import TYPES, PlanRecord, RunRecord, content
 from pushfric_core.bags.samples import INPUTS
 from pushfric_core.belief.symptoms import tip_stays_away
-from pushfric_core.errors import InvalidInput, UninformativePush, extra
+from pushfric_core.errors import InvalidInput, UninformativePush, blaming, extra
 from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator, Warn
 from pushfric_core.files.csv_files import read_observations
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
@@ -113,10 +113,8 @@ class Recorded:
             return None
         _check_type(bag, topic, type_name)
         (last,) = deque(bag.messages([topic]), maxlen=1)
-        try:
+        with blaming(f"{self.path}: {topic} is not understood"):
             return EstimatorSettings.from_text(content(bag, last, lambda message: str(message.data)))
-        except ValueError as error:
-            raise InvalidInput(f"{self.path}: {topic} is not understood: {error}") from error
 
     def source(self, with_forces: bool) -> ObservationSource:
         """The source of a bag's observations: poses if there are any, so that they are made as in a live run.

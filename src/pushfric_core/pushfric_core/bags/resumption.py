@@ -16,7 +16,7 @@ from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.mcap_file import GrowingFile, Input
 from pushfric_core.bags.run_record import PLAN
 from pushfric_core.bags.samples import stamp_from_msg
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 
@@ -80,7 +80,7 @@ class Resumption:
 
     def _read(self) -> list[Input]:
         found: list[Input] = []
-        try:
+        with blaming(f"{self._bag}: the estimate cannot go on from it", OSError):
             for one in self._file.read_on():
                 name, msg, _ = one
                 if name == START_TOPIC and msg.continuation:
@@ -94,8 +94,6 @@ class Resumption:
                 elif name == PLAN or name in self._inputs:
                     self._recorded[name] = stamp_from_msg(msg.header.stamp)
                     found.append(one)
-        except (OSError, ValueError) as error:
-            raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
         return found
 
 
@@ -109,17 +107,18 @@ class PushCount:
         pushes: the largest number of a push in the bag, plus one.
         newest: stamp of the newest pusher state in the bag [ns]; None: it holds none.
     Raises:
-        OSError, ValueError: the bag cannot be read; the second also where its messages are not what they should be.
+        InvalidInput: the bag cannot be read, or its messages are not what they should be.
     """
 
     def __init__(self, bag: pathlib.Path, namespace: str) -> None:
-        self._file = GrowingFile(mcap_file(bag), namespace, ["pusher_state"])
+        self._bag, self._file = bag, GrowingFile(mcap_file(bag), namespace, ["pusher_state"])
         self.pushes = 0
         self.newest: int | None = None
         self.read_on()
 
     def read_on(self) -> None:
         """Count what was recorded since the last call. Raises as the class."""
-        for _, state, _ in self._file.read_on():
-            self.pushes = max(self.pushes, state.push_id + 1)
-            self.newest = stamp_from_msg(state.header.stamp)
+        with blaming(f"{self._bag}: its pushes cannot be counted", OSError):
+            for _, state, _ in self._file.read_on():
+                self.pushes = max(self.pushes, state.push_id + 1)
+                self.newest = stamp_from_msg(state.header.stamp)
