@@ -80,11 +80,12 @@ def write_whole(path: pathlib.Path, content: str | bytes) -> None:
         except OSError:
             draft.unlink(missing_ok=True)
             raise
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)  # the new name, too, outlasts a power cut
-        finally:
-            os.close(folder)
+        with contextlib.suppress(OSError):  # a file system may not be able to, or a folder not be readable
+            folder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)  # the new name, too, outlasts a power cut
+            finally:
+                os.close(folder)
 
 
 def make_folder(path: pathlib.Path, new: bool = False) -> None:
