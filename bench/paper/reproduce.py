@@ -35,7 +35,7 @@ def reproduce(
     dask: DaskOption = None,
 ) -> None:
     """Reproduce the paper's tables and figures from simulated pushes: report.md, tables.json, images."""
-    make_folder(out / "figures")
+    make_folder(out)
     found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
     found.sort(key=lambda one: one.seed)
     of_rods, drawn_rods = rods()
