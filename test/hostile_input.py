@@ -31,10 +31,11 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import Definition
 from pushfric_core.bags.mcap_file import GrowingFile
-from pushfric_core.bags.message_types import Decoder, encoder
-from pushfric_core.bags.recorded import TYPES, Recorded
+from pushfric_core.bags.message_types import decoder, encoder
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.rosbag2_metadata import METADATA, read_metadata
+from pushfric_core.bags.run_record import TYPES
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig
@@ -350,12 +351,12 @@ def _read_bag(path: pathlib.Path) -> None:
 
 def _decode_with(data: bytes, _: pathlib.Path) -> None:
     text = data.decode("utf-8", "replace")
-    Decoder(TYPES["observation"], Definition("ros2msg", text or " "))(_messages()[0][1:])
+    decoder(TYPES["observation"], Definition("ros2msg", text or " "))(_messages()[0][1:])
 
 
 @functools.cache
-def _decoders() -> dict[str, Decoder]:
-    return {name: Decoder(type_name, Definition("", "")) for name, type_name in TYPES.items()}
+def _decoders() -> dict[str, Callable[[bytes], Any]]:
+    return {name: decoder(type_name, Definition("", "")) for name, type_name in TYPES.items()}
 
 
 @functools.cache
@@ -408,7 +409,7 @@ def _follow(path: pathlib.Path) -> None:
     """Read a file on while it grows."""
     content = path.read_bytes()
     path.write_bytes(b"")
-    file = GrowingFile(path)
+    file = GrowingFile(path, "/cell", list(TYPES))
     for end in range(0, len(content) + 1, max(1, len(content) // 7)):
         path.write_bytes(content[:end])
         file.read_on()

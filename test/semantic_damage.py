@@ -53,19 +53,11 @@ class Recording:
     def write(self, folder: pathlib.Path, messages: Messages) -> pathlib.Path:
         """A new bag, whole in every byte, with these messages and the object of the old one."""
         with BagWriter(folder) as writer:
-            channels = {
-                (topic.name, topic.type_name): writer.register(
-                    topic.name,
-                    topic.type_name,
-                    topic.qos_profiles,
-                    topic.type_hash,
-                    topic.definition.encoding,
-                    topic.definition.text.encode(),
-                )
-                for topic in self._bag.summary.topics
-            }
+            for topic in self._bag.summary.topics:
+                encoding, text = topic.definition
+                writer.add_topic(topic.name, topic.type_name, topic.qos_profiles, topic.type_hash, text, encoding)
             for message in messages:
-                writer.append(channels[message.topic, message.type_name], message.log_time_ns, message.raw)
+                writer.write(message.topic, message.log_time_ns, message.raw, message.type_name)
         shutil.copy(self.path / "object.yaml", folder)
         return folder
 

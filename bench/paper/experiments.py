@@ -311,18 +311,11 @@ def _regions(observations: list[Observation]) -> list[Region]:
     return regions
 
 
-class Rod(NamedTuple):
-    """A rod of length 2, as Figure 12 shows it."""
-
-    section: Array  # (k, 2) f_y and moment on its limit surface
-    reachable: Array  # (m, 2) those that pushes without friction reach
-
-
-def rods() -> tuple[Numbers, list[Rod]]:
-    """Figure 12: two rods that frictionless pushes along their length cannot distinguish. Nothing in it is random.
+def rods() -> tuple[Numbers, list[tuple[Array, Array]]]:
+    """Figure 12: two rods of length 2 that frictionless pushes along them cannot distinguish. Nothing in it is random.
 
     Returns:
-        Numbers, and the two rods.
+        Numbers, and of each rod f_y and moment (k, 2) on its limit surface, and those (m, 2) that such pushes reach.
     """
     ends = np.array(((-1.0, 0.0), (1.0, 0.0)))
     first, second = Support(ends, np.full(2, 1 / 2)), Support(np.vstack((ends, (0.0, 0.0))), np.full(3, 1 / 3))
@@ -332,6 +325,6 @@ def rods() -> tuple[Numbers, list[Rod]]:
     for support in (first, second):
         surface = LimitSurface(support)
         section = cross_section(surface, Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0))
-        drawn.append(Rod(section, surface.reachable(contacts, normals, 0.0).wrenches[:, 0, 1:]))
-    difference = float(np.abs(drawn[0].reachable - drawn[1].reachable).max())
+        drawn.append((section, surface.reachable(contacts, normals, 0.0).wrenches[:, 0, 1:]))
+    difference = float(np.abs(drawn[0][1] - drawn[1][1]).max())
     return {"largest_difference_of_reachable_wrenches": difference}, drawn

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bench.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS, Rod, Seed, Weights
+from bench.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS, Seed, Weights
 from bench.paper.sections import cross_section
 from bench.paper.tables import PUBLISHED, Nested, number
 from pushfric_core import Observation, Region
@@ -40,13 +40,13 @@ Panels = Sequence[Any]
 """The axes of a figure."""
 
 
-def figures(tables: Nested, seeds: Sequence[Seed], rods: Sequence[Rod]) -> dict[str, bytes]:
+def figures(tables: Nested, seeds: Sequence[Seed], rods: Sequence[tuple[Array, Array]]) -> dict[str, bytes]:
     """Every figure as the content of an SVG file.
 
     Args:
         tables: the numbers over all seeds, as `tables.tables` gives them.
         seeds: the results; the figures show the data of the first.
-        rods: of Figure 12.
+        rods: of Figure 12, as from `experiments.rods`.
     Returns:
         The contents by the name of the figure: table2, figure3, figure5 ... figure13 and test_pushes.
     """
@@ -238,7 +238,7 @@ def _subsets(panels: Panels, numbers: Nested) -> None:
     found.set(title="The four feet have the largest weights", xlabel="observations", ylabel="% of samplings", ylim=(0, 105))
 
 
-def _rods(panels: Panels, rods: Sequence[Rod]) -> None:
+def _rods(panels: Panels, rods: Sequence[tuple[Array, Array]]) -> None:
     titles = ("1/2 at each end", "1/3 at the ends and the middle")
     for axes, (section, reachable), title in zip(panels, rods, titles, strict=True):
         axes.plot(*closed(section).T, color=GREY, lw=1.2, label="limit surface")

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.public.zhou2015 import CORNERS, GRID
 from pushfric_core import Estimate, Observation, Outline, PushedObject, PushfricError, PushingLine, Support
-from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.estimator import Estimator, taken
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, even_pushes, placement
 from pushfric_core.geometry.planar import Array, Pose, wrap
 from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1, PoseNoise
@@ -95,10 +95,8 @@ def moved(studied: Studied, pushes: Sequence[PlannedPush], rng: np.random.Genera
     found = []
     for push in pushes:
         error = rng.normal(0.0, PLACEMENT, 3)
-        try:
+        with contextlib.suppress(PushfricError):
             found.append(_motion(studied, push, error))
-        except PushfricError:
-            continue
     return found
 
 
@@ -221,7 +219,6 @@ def eight_places(outline: Outline, rng: np.random.Generator) -> list[PlannedPush
 def estimated(data: Iterable[Observation], points: Array) -> tuple[Estimator, Estimate]:
     """The estimator after all observations, and its estimate."""
     estimator = Estimator(points)
-    for observation in data:
-        with contextlib.suppress(PushfricError):  # the estimator refuses this observation, as in a live run
-            estimator.add(observation)
+    for _ in taken(estimator.add, data, lambda _: None):  # what it refuses is passed over, as in a live run
+        pass
     return estimator, estimator.estimate()

@@ -36,7 +36,6 @@ def reproduce(
 ) -> None:
     """Reproduce the paper's tables and figures from simulated pushes: report.md, tables.json, images."""
     make_folder(out)
-    make_folder(out / "figures")
     found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
     found.sort(key=lambda one: one.seed)
     of_rods, drawn_rods = rods()

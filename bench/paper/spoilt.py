@@ -110,14 +110,12 @@ def spoilt(kind: str, frames: Frames, rng: np.random.Generator) -> Frames:
     if kind in ("drift", "wander"):  # the tracked orientation drifts, or walks at random
         turns = BAD_TURN * (rng.choice((-1.0, 1.0)) * np.linspace(0.0, 1.0, count) if kind == "drift" else _walk(count, rng))
         return [(at, pose._replace(theta=pose.theta + turn)) for (at, pose), turn in zip(frames, turns, strict=True)]
-    if kind == "jump":
-        angle, length = float(rng.uniform(0.0, 2 * math.pi)), float(rng.uniform(*LEAP))
-    third = count // 3
+    jumps = kind == "jump"  # the tracked position jumps and stays off; else the object stops while the tip goes on
+    angle, length = (float(rng.uniform(0.0, 2 * math.pi)), float(rng.uniform(*LEAP))) if jumps else (0.0, 0.0)
+    third, x, y = count // 3, length * math.cos(angle), length * math.sin(angle)
     start = int(rng.integers(third, max(2 * third, third + 1)))  # somewhere in the middle third
-    if kind == "jump":  # the tracked position jumps and stays off
-        x, y = length * math.cos(angle), length * math.sin(angle)
-        return frames[:start] + [(at, Pose(pose.x + x, pose.y + y, pose.theta)) for at, pose in frames[start:]]
-    return frames[:start] + [(at, frames[start][1]) for at, _ in frames[start:]]  # the object stops while the tip goes on
+    off = [(at, Pose(one.x + x, one.y + y, one.theta) if jumps else frames[start][1]) for at, one in frames[start:]]
+    return frames[:start] + off
 
 
 def _walk(count: int, rng: np.random.Generator) -> Array:

@@ -21,6 +21,7 @@ from scipy.io import loadmat
 
 from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_observations, save_set, save_strokes
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
+from pushfric_core.errors import blaming
 from pushfric_core.files.disk import make_folder, reading
 from pushfric_core.geometry.planar import Array, Pose, Twist, cross, log
 from pushfric_core.wording import shortened
@@ -150,12 +151,10 @@ def _listed(shape: str, path: pathlib.Path) -> Array:
         rows = [row.replace(",", " ").split() for row in re.split(r"[;\n\[\]]", matrix)]
         rows = [row for row in rows if row]
         if len(rows) > 2 and all(len(row) == 2 for row in rows):
-            try:
+            with blaming(f"{path}: the outline of {shape}", PushfricError):
                 corners = np.array(rows, dtype=float)
                 corners = corners[np.any(corners != np.roll(corners, -1, axis=0), axis=1)]  # perhaps closed
                 Outline(corners)
-            except (ValueError, PushfricError) as error:
-                raise InvalidInput(f"{path}: the outline of {shape}: {error}") from error
             return corners
     raise InvalidInput(f"{path}: the outline of {shape}: expected a matrix of at least 3 rows of two numbers after '{shape}'")
 

@@ -11,6 +11,7 @@ import numpy as np
 from bench.public.strokes import SECOND, Imported
 from bench.public.zhou2015 import MILLIMETRE, write_bag
 from pushfric_core import InvalidInput, Observation, PushfricError
+from pushfric_core.errors import blaming
 from pushfric_core.files.csv_files import TURNED, EdgePushes, read_table, save_table
 from pushfric_core.geometry.planar import Array, Twist
 
@@ -66,10 +67,8 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     written = []
     for name, found in objects.items():
         folder = out if len(objects) == 1 else out / name
-        try:
+        with blaming(f"{source}: {name}", PushfricError):
             observations = [_observation(found, index) for index in np.flatnonzero(found.stable).tolist()]
-        except (ValueError, PushfricError) as error:
-            raise InvalidInput(f"{source}: {name}: {error}") from error
         if not observations:
             raise InvalidInput(f"{source}: no push of {name} was stable")
         written.append(write_bag(folder, name, observations))

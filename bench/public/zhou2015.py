@@ -18,6 +18,7 @@ from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.message_types import encoder, record
 from pushfric_core.bags.samples import observation_to_msg
+from pushfric_core.errors import blaming
 from pushfric_core.files.csv_files import CsvRow, read_table
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, SupportFile, make_object, save_object
 from pushfric_core.geometry import planar
@@ -79,10 +80,8 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         push, cx, cy, nx, ny, dx, dy, turn, fx, fy = row.numbers(COLUMNS[2:])
         contact, motion = (cx * MILLIMETRE, cy * MILLIMETRE), Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
         tip, stamp = _tip_velocity(row, motion, contact), (int(push) + 1) * SECOND
-        try:
+        with blaming(row.where, PushfricError):
             one = Observation(contact, (nx, ny), motion, int(push), stamp=stamp, force=(fx, fy), tip_velocity=tip)
-        except (ValueError, PushfricError) as error:
-            raise InvalidInput(f"{row.where}: {error}") from error
         logs.setdefault(row.texts["log"] or "", []).append(one)
     return logs
 

@@ -85,6 +85,24 @@ class MissingPackage(PushfricError, ImportError):
 
 
 @contextmanager
+def blaming(where: object = "", *kinds: type[Exception], error: type[Exception] = InvalidInput) -> Iterator[None]:
+    """A context in which what is wrong is blamed on something from outside.
+
+    Args:
+        where: the file, the option or the like; empty: the error names it.
+        kinds: of what may be wrong, besides ValueError.
+        error: the kind that is raised.
+    Raises:
+        InvalidInput: something was wrong.
+    """
+    caught: tuple[type[Exception], ...] = (ValueError, *kinds)
+    try:
+        yield
+    except caught as wrong:
+        raise error(f"{where}: {wrong}" if where else str(wrong)) from wrong
+
+
+@contextmanager
 def extra(name: str, what: str) -> Iterator[None]:
     """Import the packages of an extra inside.
 

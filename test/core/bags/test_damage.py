@@ -21,7 +21,7 @@ from pushfric_core.bags.bag import Bag, DamagedBag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BagMessage, Definition
 from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile, end_of_record
-from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, Decoder, definition
+from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, decoder, definition
 from pushfric_core.bags.recovery import recover
 from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
@@ -77,7 +77,7 @@ def test_what_a_lost_sector_takes_along_is_known_to_the_message(copy, tmp_path):
             assert any(
                 (gap.after_ns is None or gap.after_ns <= message.log_time_ns)
                 and (gap.before_ns is None or message.log_time_ns <= gap.before_ns)
-                for _, gap in bag.damage.gaps
+                for gap in bag.damage.gaps
             )
         out = tmp_path / f"saved {number}"
         recover(copy, out)
@@ -310,7 +310,7 @@ def test_what_cannot_be_taken_apart_is_refused(tmp_path, definition, raw, error,
 @pytest.mark.parametrize("name", ["String", "a/b", "a/msg/B\nMSG: c", "../x/msg/Y", "a/msg/B'"])
 def test_a_type_name_that_is_none_is_refused(name):
     with pytest.raises(InvalidInput, match="is not one of ROS 2, expected package/msg/Type"):
-        Decoder(name, Definition("ros2msg", "string data"))
+        decoder(name, Definition("ros2msg", "string data"))
 
 
 # --- what belongs together ---

@@ -6,6 +6,7 @@ import types
 
 import pytest
 
+from pushfric_core.errors import InvalidInput
 from pushfric_core.pushers import serial_line
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.serial_line import identity_of
@@ -31,7 +32,7 @@ def test_a_disk_that_refuses_is_said_and_holds_nothing_up(tmp_path):
     (tmp_path / "file").write_text("")
     memory = PositionMemory(str(tmp_path / "file"), "port")
     memory.keep(0.01)
-    assert isinstance(memory.settle(60), OSError)
+    assert isinstance(memory.settle(60), InvalidInput)
     assert memory.settled
     (tmp_path / "file").unlink()
     memory.keep(0.01)

@@ -27,8 +27,7 @@ def pusher(frame):
 
 
 def made(maker, what):
-    add = {PoseSample: maker.add_pose, PusherSample: maker.add_pusher, ForceSample: maker.add_force}
-    return [observation for sample in what for observation in add[type(sample)](sample)]
+    return [observation for sample in what for observation in maker.add(sample)]
 
 
 def test_with_forces_a_data_point_waits_and_time_is_not_settled():
@@ -49,7 +48,7 @@ def test_a_maker_without_forces_refuses_them():
     maker = ObservationMaker(BAR)
     assert maker.waiting is None
     with pytest.raises(ValueError, match="without forces"):
-        maker.add_force(ForceSample(1, (0.0, 1.0)))
+        maker.add(ForceSample(1, (0.0, 1.0)))
 
 
 SECOND = 10**9

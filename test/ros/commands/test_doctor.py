@@ -137,8 +137,9 @@ def test_a_cell_without_its_parts_says_so_of_each(tmp_path):
 @pytest.fixture
 def machine_is_well(monkeypatch):
     """Leave out the checks of the machine."""
-    for name in ("ros", "packages", "build", "clock", "discovery", "multicast"):
-        monkeypatch.setattr(doctor, f"check_{name}", lambda name=name: Check(name, OK, ""))
+    monkeypatch.setattr(machine, "CHECKS", ())
+    for name in ("discovery", "multicast"):
+        monkeypatch.setattr(machine, f"check_{name}", lambda name=name: Check(name, OK, ""))
 
 
 @pytest.mark.usefixtures("machine_is_well")

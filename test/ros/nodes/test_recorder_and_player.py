@@ -171,8 +171,8 @@ def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publis
     for output, msg in zip(outputs, (Observation(push_id=7), PointStamped(), String(data="seen")), strict=True):
         output.publish(msg)
     ros.wait_for(lambda: {"/cell/observation", "/cell/center_of_friction", "/cell/text"} <= set(node._bag.topics))
-    ros.wait_for(lambda: node._bag._counts[node._bag._channels["/cell/text"]] == 1, what="the recorded text")
-    ros.wait_for(lambda: node._bag._counts[node._bag._channels["/cell/observation"]] == 1, what="the recorded observation")
+    ros.wait_for(lambda: node._bag._numbers["/cell/text"] == 1, what="the recorded text")
+    ros.wait_for(lambda: node._bag._numbers["/cell/observation"] == 1, what="the recorded observation")
     ros.take_out(node)
     node.destroy_node()
     topics = {topic.name: topic for topic in Bag(tmp_path / "bag").summary.topics}

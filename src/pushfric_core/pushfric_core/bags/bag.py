@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, BagMessage, Definition, Gap, Summary, Topic, in_order
 from pushfric_core.bags.mcap_file import STRANGE, McapFile
-from pushfric_core.bags.message_types import Decoder, decoder
-from pushfric_core.bags.rosbag2_metadata import CONVERT, METADATA, BagMetadata, parts_of, read_metadata
+from pushfric_core.bags.message_types import decoder
+from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata, parts_of, read_metadata
 from pushfric_core.errors import InvalidInput, PushfricError
 
 PathLike = str | os.PathLike[str]
@@ -21,18 +21,11 @@ class DamagedBag(PushfricError):
     """Messages are missing from a bag."""
 
 
-class FileGap(NamedTuple):
-    """A gap in one of a bag's files."""
-
-    file: pathlib.Path
-    gap: Gap
-
-
 @dataclass(frozen=True)
 class Damage:
     """The damage of a bag."""
 
-    gaps: tuple[FileGap, ...]  # bytes that cannot be trusted
+    gaps: tuple[Gap, ...]  # bytes that cannot be trusted
     missing: dict[str, int] | None  # messages that cannot be read, by topic; None: the bag does not say how many it had
     contradictions: tuple[str, ...]  # between what the bag says and what it holds
 
@@ -67,7 +60,7 @@ class Bag:
         metadata = None if ignore_metadata else read_metadata(self.path)
         found = parts_of(self.path, metadata)
         self.files = found.files
-        self._files = [self._open(file) for file in found.files]
+        self._files = [McapFile(file) for file in found.files]
         self.summary = self._summary()
         self.damage = self._damage(metadata, list(found.doubts))
         said = [one.custom for one in (metadata, *(file.embedded for file in self._files)) if one is not None]
@@ -78,7 +71,6 @@ class Bag:
         self.notes = (*found.notes, *(f"was recovered; before that, {text}" for text in unknown))
         self.numbered = all(file.counts.keys() <= file.first_numbers.keys() for file in self._files)
         self.proven = self.numbered and metadata is not None and not (self.damage or self.notes or self.lost)
-        self._decoders: dict[str, Decoder] = {}
         self._definitions = {topic.type_name: topic.definition for topic in self.summary.topics}
 
     def require_whole(self) -> None:
@@ -97,7 +89,7 @@ class Bag:
         said = self.said
         if contradictions and with_places:
             said += f"; {contradictions[0]}" + (f" (and {len(contradictions) - 1} more doubts)" if contradictions[1:] else "")
-        spans = "; ".join(f"{one.file.name}: {one.gap.reason}, {self.when(one.gap)}" for one in gaps[:3])
+        spans = "; ".join(f"{one.file}: {one.reason}, {self.when(one)}" for one in gaps[:3])
         more = f" and {len(gaps) - 3} more places" if len(gaps) > 3 else ""
         places = f" ({spans}{more})" if gaps and with_places else ""
         return f"{self.path}: the bag is damaged, {said}{places}"
@@ -129,7 +121,7 @@ class Bag:
         Raises:
             InvalidInput: a file can no longer be read.
         """
-        return in_order((file.start_ns, partial(self._read, file, topics)) for file in self._files if file.counts.total())
+        return in_order((file.start_ns, partial(file.messages, topics)) for file in self._files if file.counts.total())
 
     def deserialize(self, message: BagMessage) -> Any:
         """The content of a message: an object with an attribute for each field of its type.
@@ -138,16 +130,7 @@ class Bag:
             InvalidInput: the definition of its type cannot be used.
             ValueError: its bytes are not such a message.
         """
-        name = message.type_name
-        if name not in self._decoders:
-            self._decoders[name] = decoder(name, self._definitions.get(name, Definition("", "")))
-        return self._decoders[name](message.raw)
-
-    def _read(self, file: McapFile, topics: Collection[str] | None) -> Iterator[BagMessage]:
-        try:
-            yield from file.messages(topics)
-        except OSError as error:
-            raise InvalidInput(f"{file.path}: cannot be read: {error.strerror}") from error
+        return decoder(message.type_name, self._definitions.get(message.type_name, Definition("", "")))(message.raw)
 
     def _summary(self) -> Summary:
         topics: dict[tuple[str, str], Topic] = {}
@@ -167,19 +150,18 @@ class Bag:
 
     def _damage(self, metadata: BagMetadata | None, contradictions: list[str]) -> Damage | None:
         """The damage, besides the contradictions that are known so far."""
-        gaps = tuple(FileGap(file.path, gap) for file in self._files for gap in file.gaps)
+        gaps = tuple(gap for file in self._files for gap in file.gaps)
         contradictions += [f"{file.path.name}: {doubt}" for file in self._files for doubt in file.doubts]
         for name in {name for file in self._files for name in file.first_numbers}:
             firsts = [file.first_numbers.get(name, 0) for file in self._files if file.counts[name]]
             if firsts and max(firsts) - min(firsts) > STRANGE:
                 contradictions.append(f"the messages of {name[:80]} were numbered by another recorder in some of its files")
-        found, numbered = Counter[str](), Counter[str]()
-        expected: Counter[str] | None = Counter()
-        for file in self._files:
-            found += file.counts
-            numbered += file.missing
-            expected = None if expected is None or file.expected is None else expected + file.expected
-        missing = None if expected is None else _compared(expected, found, "the files say they hold", contradictions)
+        found = sum((file.counts for file in self._files), Counter[str]())
+        numbered = sum((file.missing for file in self._files), Counter[str]())
+        expected = [file.expected for file in self._files if file.expected is not None]
+        missing = None
+        if len(expected) == len(self._files):
+            missing = _compared(sum(expected, Counter()), found, "the files say they hold", contradictions)
         if metadata is not None:
             of_metadata = _compared(Counter(metadata.by_topic), found, f"{METADATA} says the bag holds", contradictions)
             missing = of_metadata if missing is None else missing | of_metadata
@@ -193,18 +175,6 @@ class Bag:
         if not (gaps or missing or contradictions):
             return None
         return Damage(gaps, None if missing is None else dict(missing), tuple(contradictions))
-
-    def _open(self, file: pathlib.Path) -> McapFile:
-        try:
-            if McapFile.recognized(file):
-                return McapFile(file)
-        except OSError as error:
-            raise InvalidInput(f"{file}: cannot be read: {error.strerror}, expected a bag") from error
-        except MemoryError as error:
-            raise InvalidInput(f"{file}: there is not enough memory to read it") from error
-        except ValueError as error:
-            raise InvalidInput(f"{str(file)!r}: cannot be read: {error}, expected a bag") from error
-        raise InvalidInput(f"{file}: is not an MCAP file, expected a bag's folder or one of its files; {CONVERT}")
 
 
 def each(counts: dict[str, int]) -> str:

@@ -1,13 +1,14 @@
 """Writing bags in the layout of `ros2 bag record -s mcap`, so that what was flushed survives a crash."""
 
 import contextlib
+import copy
 import os
 import pathlib
 import secrets
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from types import TracebackType
-from typing import Any, BinaryIO
+from typing import Any
 
 import yaml
 from mcap.writer import CompressionType, Writer
@@ -18,6 +19,7 @@ from pushfric_core.bags.contents import FIRST_NUMBER, mcap_file
 from pushfric_core.bags.message_types import definition, type_hash
 from pushfric_core.bags.rosbag2_metadata import METADATA, VERSION
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.disk import write_whole
 
 PathLike = str | os.PathLike[str]
 
@@ -36,6 +38,7 @@ class BagWriter:
         path: the folder, new or empty.
     Attributes:
         folder: the folder.
+        custom: texts for the bag's custom data, by key.
     Raises:
         InvalidInput: the folder is not empty, cannot be made, or belongs to another writer. Later, from every method: the
             disk is full, or the folder was removed. What was flushed before can be recovered from a full disk.
@@ -53,12 +56,11 @@ class BagWriter:
             raise InvalidInput(f"{self.folder}: cannot record there ({error.strerror}), expected a new folder") from error
         self._writer = Writer(self._file, CHUNK_SIZE, CompressionType.ZSTD, enable_data_crcs=True)
         self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-        self._metadata: dict[int, dict[str, Any]] = {}  # of topics, by channel
-        self._counts: dict[int, int] = {}
+        self._channels: dict[tuple[str, str], int] = {}  # by topic and type; "" as type: the last one of a topic
+        self._topics: dict[int, dict[str, Any]] = {}  # as metadata.yaml has them, by channel
         self._numbers: Counter[str] = Counter()  # of messages, by topic
         self._first_number = secrets.randbelow(2**31)
-        self._custom: dict[str, str] = {}
+        self.custom: dict[str, str] = {}
         self._span: tuple[int, int] | None = None
         with self.writing():
             self._writer.start(profile="ros2", library="pushfric")
@@ -72,7 +74,7 @@ class BagWriter:
     @property
     def topics(self) -> Collection[str]:
         """Names of the topics added so far."""
-        return self._channels.keys()
+        return {name for name, _ in self._channels}
 
     @property
     def closed(self) -> bool:
@@ -82,7 +84,7 @@ class BagWriter:
     @property
     def message_count(self) -> int:
         """Messages written so far."""
-        return sum(self._counts.values())
+        return sum(topic["message_count"] for topic in self._topics.values())
 
     @property
     def start_ns(self) -> int | None:
@@ -96,6 +98,7 @@ class BagWriter:
         qos_profiles: Sequence[Qos],
         hash_text: str | None = None,
         text: str | None = None,
+        encoding: str = "ros2msg",
     ) -> None:
         """Add a topic before its first message.
 
@@ -103,27 +106,53 @@ class BagWriter:
             name: full name, as /cell/object_pose.
             type_name: package/msg/Type.
             qos_profiles: what its publishers offer.
-            hash_text: RIHS01 hash that the publishers announce; by default that of `message_types`.
-            text: the definition of the type, as ros2msg; by default that of `message_types`.
+            hash_text: RIHS01 hash that the publishers announce, empty if it is not known; by default that of `message_types`.
+            text: the definition of the type; by default that of `message_types`.
+            encoding: of the definition.
         Raises:
-            ValueError: the topic was added before.
+            ValueError: the topic was added before with this type, or the bag is closed.
             InvalidInput: the type is not one of the cell, and hash or text are missing.
         """
-        if name in self._channels:
+        if (name, type_name) in self._channels:
             raise ValueError(f"topic {name} was added before")
         hash_text = type_hash(type_name) if hash_text is None else hash_text
         text = definition(type_name) if text is None else text
-        self._channels[name] = self.register(name, type_name, qos_profiles, hash_text, "ros2msg", text.encode())
+        qos = dump_qos_v9([*qos_profiles])
+        with self.writing():
+            if type_name not in self._schemas:
+                self._schemas[type_name] = self._writer.register_schema(type_name, encoding, text.encode())
+            metadata = {
+                "offered_qos_profiles": yaml.safe_dump(qos, sort_keys=False),
+                "topic_type_hash": hash_text,
+                FIRST_NUMBER: str(self._first_number),
+            }
+            channel: int = self._writer.register_channel(name, "cdr", self._schemas[type_name], metadata)
+        topic = {
+            "name": name,
+            "type": type_name,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": qos,
+            "type_description_hash": hash_text,
+        }
+        self._topics[channel] = {"topic_metadata": topic, "message_count": 0}
+        self._channels[name, type_name] = self._channels[name, ""] = channel
 
-    def write(self, topic: str, stamp_ns: int, raw: bytes) -> None:
-        """Append a message: its topic, the time of its receipt [ns], and its CDR bytes.
+    def write(self, topic: str, stamp_ns: int, raw: bytes, type_name: str = "") -> None:
+        """Append a message: its topic, the time of its receipt [ns], its CDR bytes, and its type if the topic has several.
 
         Raises:
             ValueError: the topic was not added, or the bag is closed.
         """
-        if topic not in self._channels:
+        if (topic, type_name) not in self._channels:
             raise ValueError(f"topic {topic} was not added to the bag")
-        self.append(self._channels[topic], stamp_ns, raw)
+        channel = self._channels[topic, type_name]
+        number = (self._first_number + self._numbers[topic]) % 2**32
+        with self.writing():
+            self._writer.add_message(channel, log_time=stamp_ns, data=raw, publish_time=stamp_ns, sequence=number)
+        self._numbers[topic] += 1
+        self._topics[channel]["message_count"] += 1
+        start, end = self._span or (stamp_ns, stamp_ns)
+        self._span = min(start, stamp_ns), max(end, stamp_ns)
 
     def flush(self) -> None:
         """Hand everything written to the operating system, so that it survives the end of this process, however it ends."""
@@ -151,25 +180,11 @@ class BagWriter:
             self._writer.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(information, sort_keys=False)})
             self._writer.finish()
             self._check_place()
-            _close_on_disk(self._file)
-            self._write_metadata(yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False))
-
-    def _write_metadata(self, text: str) -> None:
-        """Write metadata.yaml whole or not at all: a bag without it can be read, one with a part of it cannot."""
-        draft = self.folder / f".{METADATA}"
-        try:
-            with draft.open("wb") as metadata:
-                metadata.write(text.encode())
-                _close_on_disk(metadata)
-            draft.replace(self.folder / METADATA)
-        except OSError:
-            draft.unlink(missing_ok=True)
-            raise
-        folder = os.open(self.folder, os.O_RDONLY)
-        try:
-            os.fsync(folder)  # the names of both files
-        finally:
-            os.close(folder)
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+        # a bag without this can be read, one with a part of it cannot
+        write_whole(self.folder / METADATA, yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False))
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[None]:
@@ -182,86 +197,25 @@ class BagWriter:
                 self._file.close()
             raise InvalidInput(f"{self.folder}: cannot write the bag: {error.strerror}") from error
 
-    def register(
-        self,
-        name: str,
-        type_name: str,
-        qos_profiles: Sequence[Qos],
-        hash_text: str,
-        encoding: str,
-        schema: bytes,
-    ) -> int:
-        """Add a topic whose type need not be installed; return its channel, for `append`.
-
-        Args:
-            name: full name.
-            type_name: package/msg/Type.
-            qos_profiles: what its publishers offered.
-            hash_text: RIHS01 hash of the type; empty if it is not known.
-            encoding: of the schema, for example ros2msg.
-            schema: the definition of the type.
-        """
-        qos = dump_qos_v9([*qos_profiles])
-        with self.writing():
-            if type_name not in self._schemas:
-                self._schemas[type_name] = self._writer.register_schema(type_name, encoding, schema)
-            metadata = {
-                "offered_qos_profiles": yaml.safe_dump(qos, sort_keys=False),
-                "topic_type_hash": hash_text,
-                FIRST_NUMBER: str(self._first_number),
-            }
-            channel: int = self._writer.register_channel(name, "cdr", self._schemas[type_name], metadata)
-        self._metadata[channel] = {
-            "name": name,
-            "type": type_name,
-            "serialization_format": "cdr",
-            "offered_qos_profiles": qos,
-            "type_description_hash": hash_text,
-        }
-        self._counts[channel] = 0
-        return channel
-
-    def append(self, channel: int, stamp_ns: int, raw: bytes) -> None:
-        """Append a message to a channel, given the time of its receipt [ns] and its CDR bytes."""
-        with self.writing():
-            topic = self._metadata[channel]["name"]
-            number = (self._first_number + self._numbers[topic]) % 2**32
-            self._numbers[topic] += 1
-            self._writer.add_message(channel, log_time=stamp_ns, data=raw, publish_time=stamp_ns, sequence=number)
-        self._counts[channel] += 1
-        start, end = self._span or (stamp_ns, stamp_ns)
-        self._span = min(start, stamp_ns), max(end, stamp_ns)
-
-    def note(self, key: str, text: str) -> None:
-        """Add a text to the bag's custom data."""
-        self._custom[key] = text
-
     def _information(self) -> dict[str, Any]:
         """The bag's rosbag2_bagfile_information."""
         file = pathlib.Path(self._file.name).name
-
-        def span() -> dict[str, Any]:  # made twice: YAML would write the second mention of one object as an alias
-            start, end = self._span or (0, 0)
-            return {
-                "starting_time": {"nanoseconds_since_epoch": start},
-                "duration": {"nanoseconds": end - start},
-                "message_count": self.message_count,
-            }
-
-        counts: dict[tuple[str, str], dict[str, Any]] = {}
-        for channel, metadata in self._metadata.items():  # of which a topic may have several
-            entry = {"topic_metadata": metadata, "message_count": 0}
-            counts.setdefault((metadata["name"], metadata["type"]), entry)["message_count"] += self._counts[channel]
+        start, end = self._span or (0, 0)
+        span = {
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": end - start},
+            "message_count": self.message_count,
+        }
         return {
             "version": VERSION,
             "storage_identifier": "mcap",
-            **span(),
-            "topics_with_message_count": list(counts.values()),
+            **span,
+            "topics_with_message_count": list(self._topics.values()),
             "compression_format": "",
             "compression_mode": "",
             "relative_file_paths": [file],
-            "files": [{"path": file, **span()}],
-            "custom_data": self._custom or None,
+            "files": [{"path": file, **copy.deepcopy(span)}],  # YAML would write the second mention of one object as an alias
+            "custom_data": self.custom or None,
             "ros_distro": os.environ.get("ROS_DISTRO", ""),
         }
 
@@ -284,9 +238,3 @@ def offered(found: Any) -> Qos:
 def _time(duration: Any) -> QosTime:
     """A duration; for "no limit", a profile made in a program has 0, and one discovered on the network has infinity."""
     return QosTime(*divmod(max(0, duration.nanoseconds) or INFINITE_NS, 10**9))
-
-
-def _close_on_disk(file: BinaryIO) -> None:
-    file.flush()
-    os.fsync(file.fileno())
-    file.close()

@@ -2,7 +2,7 @@
 
 import heapq
 import pathlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -41,6 +41,7 @@ class BagMessage(NamedTuple):
 class Gap(NamedTuple):
     """Bytes of a file that cannot be trusted."""
 
+    file: str  # its name
     begin: int
     end: int
     reason: str
@@ -89,6 +90,11 @@ class Summary:
     @property
     def message_count(self) -> int:
         return sum(topic.message_count for topic in self.topics)
+
+    def names(self, namespace: str | None, types: Mapping[str, str]) -> dict[str, str]:
+        """The names of a cell's topics of these types, given by name, by the full name; without those that are not there."""
+        there = {(topic.name, topic.type_name) for topic in self.topics}
+        return {f"{namespace}/{name}": name for name, kind in types.items() if (f"{namespace}/{name}", kind) in there}
 
 
 def mcap_file(folder: pathlib.Path) -> pathlib.Path:

@@ -1,5 +1,6 @@
 """MCAP files, read record by record by the library mcap: what follows a broken chunk is still found."""
 
+import contextlib
 import functools
 import io
 import pathlib
@@ -22,9 +23,10 @@ from rosbags.interfaces import Qos
 from rosbags.rosbag2.metadata import parse_qos
 
 from pushfric_core.bags.contents import FIRST_NUMBER, UNKNOWN_TOPIC, BagMessage, Definition, Gap, Topic, in_order
-from pushfric_core.bags.message_types import Decoder
-from pushfric_core.bags.rosbag2_metadata import BagMetadata, embedded_metadata
-from pushfric_core.errors import InvalidInput
+from pushfric_core.bags.message_types import decoder
+from pushfric_core.bags.rosbag2_metadata import CONVERT, BagMetadata, embedded_metadata
+from pushfric_core.errors import InvalidInput, blaming
+from pushfric_core.files.disk import reading
 from pushfric_core.files.yaml_text import load_yaml
 from pushfric_core.wording import counted
 
@@ -48,7 +50,7 @@ _BLOCK = 2**20
 _FAILURES = (McapError, ValueError, struct.error, zstandard.ZstdError, RuntimeError, EOFError, MemoryError, OverflowError)
 
 
-class Unsound(Exception):
+class Unsound(ValueError):
     """Bytes that cannot be trusted; the text says why."""
 
 
@@ -102,12 +104,22 @@ def read_record(stream: BinaryIO, position: int, end: int) -> McapRecord | None:
         raise Unsound("a record is not what its length says") from error
 
 
-def inner_records(chunk: Chunk) -> list[McapRecord]:
-    """The schemas, channels and messages in a chunk.
+def read_records(stream: BinaryIO, begin: int, end: int) -> Iterator[tuple[McapRecord | None, int]]:
+    """The records between two positions as `read_record`, each with its end; its errors, and those of `end_of_record`."""
+    while begin < end:
+        after = end_of_record(stream, begin, end)
+        yield read_record(stream, begin, after), after
+        begin = after
+
+
+def inner_records(chunk: McapRecord | None) -> list[Any]:
+    """The schemas, channels and messages in a chunk; any other record itself.
 
     Raises:
         Unsound: it is larger than the limit, cannot be decompressed, or fails its checksum.
     """
+    if not isinstance(chunk, Chunk):
+        return [chunk]
     if chunk.uncompressed_size > RECORD_LIMIT:
         raise Unsound(f"a chunk of {chunk.uncompressed_size} bytes is larger than the limit of {RECORD_LIMIT}")
     try:
@@ -135,8 +147,7 @@ class McapFile:
         start_ns, end_ns: least and largest log time; 0 without messages.
         embedded: what the file says of its bag; None if it says nothing.
     Raises:
-        OSError: it cannot be read.
-        InvalidInput: it holds messages that are not of ROS 2.
+        InvalidInput: it cannot be read, is no MCAP file, or holds messages that are not of ROS 2.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -153,15 +164,21 @@ class McapFile:
         self._statistics: Statistics | None = None
         self._unchecked = 0  # messages that no checksum of a chunk covers
         self._holds = False  # whether the checksum over all holds
-        with path.open("rb") as stream:
-            size = stream.seek(0, io.SEEK_END)
+        with reading(path), path.open("rb") as stream:
+            begin, size = stream.read(len(MAGIC)), stream.seek(0, io.SEEK_END)
+            stream.seek(max(0, size - len(MAGIC)))
+            if MAGIC not in (begin, stream.read()):
+                raise InvalidInput(f"{path}: is not an MCAP file, expected a bag's folder or one of its files; {CONVERT}")
             end, damage = self._read_summary(stream, size)
             self._survey(stream, end)
             if damage:
                 self._add_gap(end, size, damage)
-        self.topics = {number: self._topic(one) for number, one in self._channels.items() if self._known(one)}
-        self.counts = self._by_topic(self._counts)
-        self.expected = self._expected()
+        # a type may have been lost
+        known = {number: one for number, one in self._channels.items() if one.schema_id in self._schemas or not self.gaps}
+        self.topics = {number: self._topic(one) for number, one in known.items()}
+        held = self._by_topic({number: len(numbers) for number, numbers in self._numbers.items()})
+        self.expected = self._expected(held)
+        self.counts = held - Counter({UNKNOWN_TOPIC: held[UNKNOWN_TOPIC]})
         self.first_numbers = {
             one.topic: int(text)
             for one in self._channels.values()
@@ -173,63 +190,43 @@ class McapFile:
         if self.gaps and self._unchecked and not self._holds:
             self.doubts.append(f"{counted(self._unchecked, 'message')} may not be what was recorded: no checksum confirms them")
 
-    @staticmethod
-    def recognized(path: pathlib.Path) -> bool:
-        """Whether a file begins or ends as MCAP files do.
-
-        Raises:
-            OSError: it cannot be read.
-        """
-        with path.open("rb") as stream:
-            begin = stream.read(len(MAGIC))
-            stream.seek(max(0, path.stat().st_size - len(MAGIC)))
-            return MAGIC in (begin, stream.read())
-
     def messages(self, topics: Collection[str] | None) -> Iterator[BagMessage]:
         """The messages of these topics, or of all, in order of log time; those of the same time in the order of the file.
 
         Raises:
-            OSError: the file can no longer be read.
+            InvalidInput: the file can no longer be read.
         """
         wanted = {number: one for number, one in self.topics.items() if topics is None or one.name in topics}
-        with self.path.open("rb") as stream:
+        with reading(self.path), self.path.open("rb") as stream:
             yield from in_order((piece.start_ns, partial(self._content, stream, piece, wanted)) for piece in self._pieces)
 
     def _content(self, stream: BinaryIO, piece: Piece, wanted: dict[int, Topic]) -> list[BagMessage]:
-        found, position = [], piece.begin
+        found = []
         try:
-            while position < piece.end:
-                end = end_of_record(stream, position, piece.end)
-                record = read_record(stream, position, end)
-                position = end
-                for one in inner_records(record) if isinstance(record, Chunk) else [record]:
+            for record, _ in read_records(stream, piece.begin, piece.end):
+                for one in inner_records(record):
                     if isinstance(one, Message) and one.channel_id in wanted:
                         topic = wanted[one.channel_id]
                         found.append(BagMessage(topic.name, topic.type_name, one.log_time, one.data))
         except Unsound as error:
-            raise OSError(0, f"changed while it was read ({error})") from error
+            raise ValueError(f"changed while it was read ({error})") from error
         return sorted(found, key=lambda message: message.log_time_ns)
 
     # --- the survey ---
 
     def _read_summary(self, stream: BinaryIO, size: int) -> tuple[int, str]:
         """Read what the end of the file says of the whole: where the data end, and what is wrong with it."""
-        stream.seek(max(0, size - len(MAGIC)))
         position = size - len(MAGIC) - _FOOTER_SIZE
-        if stream.read() != MAGIC or position < len(MAGIC):
-            return size, "the recording was cut short"
-        found = list[McapRecord | None]()
+        stream.seek(max(0, size - len(MAGIC)))
+        ended = stream.read() == MAGIC and position >= len(MAGIC)
         try:
-            footer = read_record(stream, position, position + _FOOTER_SIZE)
+            footer = read_record(stream, position, position + _FOOTER_SIZE) if ended else None
             if not isinstance(footer, Footer):
                 return size, "the recording was cut short"
-            start = at = footer.summary_start or position
-            if footer.summary_crc and _checksum(stream, at, size - len(MAGIC) - 4) != footer.summary_crc:
+            start = footer.summary_start or position
+            if footer.summary_crc and _checksum(stream, start, size - len(MAGIC) - 4) != footer.summary_crc:
                 return position, "the summary fails its checksum"
-            while at < position:
-                end = end_of_record(stream, at, position)
-                found.append(read_record(stream, at, end))
-                at = end
+            found = [record for record, _ in read_records(stream, start, position)]
         except Unsound as error:
             return position, f"the summary is damaged: {error}"
         for record in found:
@@ -252,10 +249,10 @@ class McapFile:
             try:
                 after = end_of_record(stream, position, limit)
                 record = read_record(stream, position, after)
-                closed = isinstance(record, DataEnd) and after - position == _DATA_END_SIZE and limit == end
-                if isinstance(record, DataEnd) and not closed:
-                    raise Unsound("the end of the data lies among them")
                 if isinstance(record, DataEnd):
+                    closed = after - position == _DATA_END_SIZE and limit == end
+                    if not closed:
+                        raise Unsound("the end of the data lies among them")
                     self._check_data(stream, position, record.data_section_crc)
                 self._take(record, position, after)
             except Unsound as error:
@@ -268,7 +265,7 @@ class McapFile:
                 self._add_gap(place, place + self._listed[place].chunk_length, "no chunk lies where the index lists one")
 
     def _add_gap(self, begin: int, end: int, reason: str) -> None:
-        self.gaps.append(Gap(begin, end, reason, self._pieces[-1].end_ns if self._pieces else None, None))
+        self.gaps.append(Gap(self.path.name, begin, end, reason, self._pieces[-1].end_ns if self._pieces else None, None))
 
     def _take(self, record: McapRecord | None, position: int, after: int) -> None:
         if isinstance(record, Chunk):
@@ -287,14 +284,12 @@ class McapFile:
             self._define(record)
 
     def _define(self, record: McapRecord | None) -> None:
+        what = ""
         if isinstance(record, Schema) and self._schemas.setdefault(record.id, record) != record:
-            self._note_redefined(f"the type {record.name[:80]}")
+            what = f"the type {record.name[:80]}"
         elif isinstance(record, Channel) and self._channels.setdefault(record.id, record) != record:
-            self._note_redefined(f"the topic {record.topic[:80]}")
-
-    def _note_redefined(self, what: str) -> None:
-        doubt = f"{what} is defined twice, in different ways"
-        if doubt not in self.doubts:
+            what = f"the topic {record.topic[:80]}"
+        if what and (doubt := f"{what} is defined twice, in different ways") not in self.doubts:
             self.doubts.append(doubt)
 
     def _note(self, chunk: Chunk | None, messages: Sequence[Message], position: int, after: int) -> None:
@@ -325,46 +320,31 @@ class McapFile:
 
     # --- what it amounts to ---
 
-    def _known(self, channel: Channel) -> bool:
-        """Whether the type of a channel is known; it may have been lost."""
-        return channel.schema_id in self._schemas or not self.gaps
-
     def _topic(self, channel: Channel) -> Topic:
         where, schema = f"{self.path}: {channel.topic[:80]}", self._schemas.get(channel.schema_id)
         if channel.message_encoding != "cdr":
             raise InvalidInput(f"{where} is encoded as {channel.message_encoding[:80]!r}, expected ROS 2 messages (cdr)")
         if schema is None:
             raise InvalidInput(f"{where} has no type, expected that of a ROS 2 message")
-        try:
+        with blaming(f"{where} has QoS profiles that are not those of rosbag2"):
             profiles = profiles_from(channel.metadata.get("offered_qos_profiles", ""))
-        except ValueError as error:
-            raise InvalidInput(f"{where} has QoS profiles that are not those of rosbag2: {error}") from error
         hash_text = channel.metadata.get("topic_type_hash", "")
         count = len(self._numbers.get(channel.id, ()))
         return Topic(channel.topic, schema.name, profiles, hash_text, count, definition_of(schema))
 
-    @property
-    def _counts(self) -> Counter[int]:
-        """Number of messages, by channel."""
-        return Counter({number: len(numbers) for number, numbers in self._numbers.items()})
-
     def _by_topic(self, counts: dict[int, int]) -> Counter[str]:
+        """Numbers of messages, given by channel."""
         found: Counter[str] = Counter()
         for number, count in counts.items():
-            if number in self.topics:
-                found[self.topics[number].name] += count
+            found[self.topics[number].name if number in self.topics else UNKNOWN_TOPIC] += count
         return found
 
-    def _expected(self) -> Counter[str] | None:
-        unknown = sum(count for number, count in self._counts.items() if number not in self.topics)
+    def _expected(self, held: Counter[str]) -> Counter[str] | None:
         if self._statistics is None:
-            # the checksum over all says that nothing was lost
-            return self.counts + Counter({UNKNOWN_TOPIC: unknown}) if self._holds else None
-        said = self._statistics.channel_message_counts
-        total, found = self._statistics.message_count, self.counts.total() + unknown
-        if total != (sum(said.values()) if said else found):
-            self.doubts.append(f"the file says it holds {total} messages, but there are {sum(said.values()) or found}")
-        expected = self._by_topic(said or self._counts)
+            return held if self._holds else None  # the checksum over all says that nothing was lost
+        expected, total = self._by_topic(self._statistics.channel_message_counts) or held, self._statistics.message_count
+        if total != expected.total():
+            self.doubts.append(f"the file says it holds {total} messages, but there are {expected.total()}")
         return expected + Counter({UNKNOWN_TOPIC: total - expected.total()})
 
     def _missing_numbers(self) -> Counter[str]:
@@ -417,60 +397,57 @@ def _checksum(stream: BinaryIO, begin: int, end: int) -> int:
     return value
 
 
+class Input(NamedTuple):
+    """A message of a run."""
+
+    topic: str  # relative name
+    msg: Any
+    received: int | None  # when it was recorded, or came by topic [ns]; None: not known
+
+
 class GrowingFile:
     """A file that its writer has not finished: what was flushed so far, read on from where the last reading ended.
 
     Args:
         path: the file; it need not exist yet.
+        namespace: of the cell.
+        names: of the topics to read, relative to the cell.
     """
 
-    def __init__(self, path: pathlib.Path) -> None:
+    def __init__(self, path: pathlib.Path, namespace: str, names: Sequence[str]) -> None:
         self.path = path
-        self.channels: dict[int, Channel] = {}
+        self._names = {f"{namespace.rstrip('/')}/{name}": name for name in names}
+        self._channels: dict[int, Channel] = {}
         self._schemas: dict[int, Schema] = {}
-        self._decoders: dict[int, Decoder] = {}  # by channel
         self._position = len(MAGIC)
 
-    def read_on(self) -> list[Message]:
+    def read_on(self) -> list[Input]:
         """The messages that have come since the last call, in the order of the file; a record still being written comes later.
 
         Raises:
             OSError: the file cannot be read.
-            ValueError: its bytes do not follow the format.
+            ValueError: its bytes do not follow the format, or are not such messages.
+            InvalidInput: the definition of a type cannot be used.
         """
-        found: list[Message] = []
-        if not self.path.exists():
-            return found
-        size = self.path.stat().st_size
+        found: list[Input] = []
         try:
-            with self.path.open("rb") as stream:
-                while self._position < size:
-                    following = end_of_record(stream, self._position, size)
-                    record = read_record(stream, self._position, following)
-                    for one in inner_records(record) if isinstance(record, Chunk) else [record]:
+            with contextlib.suppress(FileNotFoundError, CutShort), self.path.open("rb") as stream:
+                for record, after in read_records(stream, self._position, self.path.stat().st_size):
+                    for one in inner_records(record):
                         if isinstance(one, Schema):
                             self._schemas.setdefault(one.id, one)
                         elif isinstance(one, Channel):
-                            self.channels.setdefault(one.id, one)
-                        elif isinstance(one, Message):
-                            found.append(one)
-                    self._position = following
-        except CutShort:
-            return found
-        except Unsound as error:
-            raise ValueError(f"{self.path}: {error}") from error
+                            self._channels.setdefault(one.id, one)
+                        elif isinstance(one, Message) and self._channels[one.channel_id].topic in self._names:
+                            found.append(self._decoded(one))
+                    self._position = after
+        except KeyError as error:
+            raise Unsound(f"a message of which the topic or the type is not defined: {error}") from error
         return found
 
-    def decoded(self, message: Message) -> Any:
-        """The content of a message, by the definition in the file.
-
-        Raises:
-            InvalidInput: the definition is missing or cannot be used.
-            ValueError: its bytes are not such a message.
-        """
-        if message.channel_id not in self._decoders:
-            schema = self._schemas.get(self.channels[message.channel_id].schema_id)
-            if schema is None:
-                raise ValueError(f"{self.path}: {self.channels[message.channel_id].topic[:80]} has no type")
-            self._decoders[message.channel_id] = Decoder(schema.name, definition_of(schema))
-        return self._decoders[message.channel_id](message.data)
+    def _decoded(self, message: Message) -> Input:
+        """The message, by the definition in the file."""
+        channel = self._channels[message.channel_id]
+        schema = self._schemas[channel.schema_id]
+        content = decoder(schema.name, definition_of(schema))(message.data)
+        return Input(self._names[channel.topic], content, message.log_time)

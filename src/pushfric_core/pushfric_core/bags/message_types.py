@@ -89,8 +89,11 @@ SEQUENCE_LIMIT = 2**26
 """Largest number of elements of any other array."""
 
 
-class Decoder:
-    """Decodes messages of one type.
+@functools.lru_cache(maxsize=100)  # to make one takes as long as to decode 1000 messages
+def decoder(type_name: str, embedded: Definition) -> Callable[[bytes], Any]:
+    """A function that decodes messages of one type: from CDR bytes, to an object with an attribute for each field.
+
+    It raises ValueError if the bytes are not such a message.
 
     Args:
         type_name: package/msg/Type.
@@ -98,49 +101,37 @@ class Decoder:
     Raises:
         InvalidInput: the definition is missing, exceeds a limit or cannot be understood.
     """
+    if not TYPE_NAME.fullmatch(type_name):
+        raise InvalidInput(f"message type {type_name[:80]!r} is not one of ROS 2, expected package/msg/Type")
+    text = embedded.text or definition(type_name)
+    if len(text) > DEFINITION_LIMIT:
+        raise InvalidInput(f"{type_name}: its definition has {len(text)} characters, expected at most {DEFINITION_LIMIT}")
+    try:
+        if embedded.text and embedded.encoding == "ros2idl":
+            # several files in one text, each after a line that names it
+            parts = re.split(r"^=+\nIDL: .*\n", text, flags=re.MULTILINE)
+            parsed = {name: each for part in parts if part.strip() for name, each in get_types_from_idl(part).items()}
+        else:
+            parsed = get_types_from_msg(text, type_name)
+        # constants are dropped: they are not needed, and only they would reach the generated code as text
+        types: Any = {name: ([], fields) for name, (_, fields) in parsed.items()}
+        for _, fields in types.values():
+            for _, described in fields:
+                _check_size(described)
+        store = get_typestore(Stores.EMPTY)
+        store.max_sequence_length = SEQUENCE_LIMIT
+        store.register(types)
+        store.get_msgdef(type_name)
+    except (TypesysError, SyntaxError, LookupError, ValueError, TypeError, AssertionError, RecursionError) as error:
+        raise InvalidInput(f"{type_name}: the bag's definition of it is not understood: {_first_line(error)}") from error
 
-    def __init__(self, type_name: str, embedded: Definition) -> None:
-        if not TYPE_NAME.fullmatch(type_name):
-            raise InvalidInput(f"message type {type_name[:80]!r} is not one of ROS 2, expected package/msg/Type")
-        self._type_name = type_name
-        text = embedded.text or definition(type_name)
-        if len(text) > DEFINITION_LIMIT:
-            raise InvalidInput(f"{type_name}: its definition has {len(text)} characters, expected at most {DEFINITION_LIMIT}")
+    def decoded(raw: bytes) -> Any:
         try:
-            if embedded.text and embedded.encoding == "ros2idl":
-                # several files in one text, each after a line that names it
-                parts = re.split(r"^=+\nIDL: .*\n", text, flags=re.MULTILINE)
-                parsed = {name: each for part in parts if part.strip() for name, each in get_types_from_idl(part).items()}
-            else:
-                parsed = get_types_from_msg(text, type_name)
-            # constants are dropped: they are not needed, and only they would reach the generated code as text
-            types: Any = {name: ([], fields) for name, (_, fields) in parsed.items()}
-            for _, fields in types.values():
-                for _, described in fields:
-                    _check_size(described)
-            self._store = get_typestore(Stores.EMPTY)
-            self._store.max_sequence_length = SEQUENCE_LIMIT
-            self._store.register(types)
-            self._store.get_msgdef(type_name)
-        except (TypesysError, SyntaxError, LookupError, ValueError, TypeError, AssertionError, RecursionError) as error:
-            raise InvalidInput(f"{type_name}: the bag's definition of it is not understood: {_first_line(error)}") from error
-
-    def __call__(self, raw: bytes) -> Any:
-        """The message in these CDR bytes: an object with an attribute for each field.
-
-        Raises:
-            ValueError: the bytes are not such a message.
-        """
-        try:
-            return self._store.deserialize_cdr(raw, self._type_name)
+            return store.deserialize_cdr(raw, type_name)
         except (SerdeError, LookupError, TypeError, AssertionError, OverflowError, RecursionError, MemoryError) as error:
-            raise ValueError(f"not a {self._type_name}: {_first_line(error)}") from error
+            raise ValueError(f"not a {type_name}: {_first_line(error)}") from error
 
-
-@functools.lru_cache(maxsize=100)
-def decoder(type_name: str, embedded: Definition) -> Decoder:
-    """As `Decoder`; the same one for the same definition, because to make it takes as long as to decode 1000 messages."""
-    return Decoder(type_name, embedded)
+    return decoded
 
 
 def encoder(type_name: str) -> Callable[[Any], bytes]:

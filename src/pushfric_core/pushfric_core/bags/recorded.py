@@ -11,15 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pushfric_core.bags.rosbag2_metadata import METADATA
-from pushfric_core.bags.run_record import RunRecord, content
-from pushfric_core.bags.samples import (
-    force_sample_from_msg,
-    observation_from_msg,
-    pose_sample_from_msg,
-    pusher_sample_from_msg,
-)
+from pushfric_core.bags.run_record import TYPES, PlanRecord, RunRecord, content
+from pushfric_core.bags.samples import INPUTS
 from pushfric_core.belief.symptoms import tip_stays_away
-from pushfric_core.errors import InvalidInput, PushfricError, extra
+from pushfric_core.errors import InvalidInput, UninformativePush, blaming, extra
 from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator, Warn
 from pushfric_core.files.csv_files import read_observations
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
@@ -27,16 +22,7 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import prior
 from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE, ObjectModel, load_object
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.trajectories.ledger import (
-    FOREIGN,
-    OBSERVATIONS,
-    POSES,
-    REFUSED,
-    STATES,
-    WRENCHES,
-    DoubtCode,
-    Ledger,
-)
+from pushfric_core.trajectories.ledger import FOREIGN, REFUSED, DoubtCode, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
 from pushfric_core.trajectories.samples import TrajectoryConfig
@@ -46,15 +32,6 @@ if TYPE_CHECKING:
 
 POSE_TOPICS, OBSERVATION_TOPICS, WRENCH = ("object_pose", "pusher_state"), ("observation",), "wrench"
 """The topics from which observations are made, the topic of observations themselves, and that of forces."""
-
-TYPES = {
-    "object_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "pusher_state": "pushfric_msgs/msg/PusherState",
-    "observation": "pushfric_msgs/msg/Observation",
-    "wrench": "geometry_msgs/msg/WrenchStamped",
-    SETTINGS_TOPIC: "std_msgs/msg/String",
-}
-"""Types of the messages on these topics."""
 
 BAG_FILES = (METADATA, "*.mcap")
 """Patterns of files, of which a bag's folder contains at least one."""
@@ -118,26 +95,26 @@ class Recorded:
         self.on_observation: Callable[[Observation], None] = lambda observation: None
         self._bag = bag if bag is not None or path.suffix == ".csv" else _opened(path)
 
-    @functools.cached_property
+    @property
     def settings(self) -> EstimatorSettings:
         """The settings of the recorded run's estimator; the defaults for a CSV, and for a bag without settings.
 
         Raises:
             InvalidInput: the settings in the bag cannot be read, or it holds several cells.
         """
+        return self._own_settings or EstimatorSettings()
+
+    @functools.cached_property
+    def _own_settings(self) -> EstimatorSettings | None:
         bag = self._bag
-        if bag is None:
-            return EstimatorSettings()
-        topic = f"{self._cell(bag)}/{SETTINGS_TOPIC}"
-        type_name = _recorded_types(bag).get(topic)
-        if type_name is None:
-            return EstimatorSettings()
+        topic = "" if bag is None else f"{self._cell(bag)}/{SETTINGS_TOPIC}"
+        type_name = None if bag is None else _recorded_types(bag).get(topic)
+        if bag is None or type_name is None:
+            return None
         _check_type(bag, topic, type_name)
         (last,) = deque(bag.messages([topic]), maxlen=1)
-        try:
+        with blaming(f"{self.path}: {topic} is not understood"):
             return EstimatorSettings.from_text(content(bag, last, lambda message: str(message.data)))
-        except ValueError as error:
-            raise InvalidInput(f"{self.path}: {topic} is not understood: {error}") from error
 
     def source(self, with_forces: bool) -> ObservationSource:
         """The source of a bag's observations: poses if there are any, so that they are made as in a live run.
@@ -171,9 +148,7 @@ class Recorded:
         """The messages of other topics of the cell, each with its topic's name: those of these types that can be read."""
         if (bag := self._bag) is None:
             return
-        there = {(topic.name, topic.type_name) for topic in bag.summary.topics}
-        names = {f"{self._cell(bag)}/{name}": name for name in types}
-        names = {full: name for full, name in names.items() if (full, types[name]) in there}
+        names = bag.summary.names(self._cell(bag), types)
         for message in bag.messages(names) if names else ():
             with contextlib.suppress(ValueError, AttributeError):  # the ledger says so
                 yield names[message.topic], bag.deserialize(message)
@@ -192,7 +167,7 @@ class Recorded:
         """
         bag, path = self._bag, self.path
         if bag is None:
-            found, ledger, record = read_observations(path, model.outline), Ledger(), None
+            found, ledger, plan = read_observations(path, model.outline), Ledger(), PlanRecord()
             for observation in found:
                 self.on_observation(observation)
         else:
@@ -203,7 +178,7 @@ class Recorded:
             for note in bag.notes:
                 warn(f"{path}: {note}")
             source = self.source(settings.with_forces)
-            found, ledger, record = self._account(bag, source, model, settings, warn)
+            found, ledger, plan = self._account(bag, source, model, settings, warn)
             if not found:
                 raise InvalidInput(f"{path}: its {source.kind} give no observation of {model.name}")
         for push_id in settings.excluded:
@@ -211,7 +186,7 @@ class Recorded:
                 raise InvalidInput(f"{path}: no observation of push {push_id}, which is to be left out")
         for line in ledger.lines:
             warn(f"{path}: {line}")
-        reading = Reading(found, settings.excluded, ledger, record)
+        reading = Reading(found, settings.excluded, ledger, plan)
         if settings.with_forces and all(observation.force is None for observation in reading.observations):
             raise InvalidInput(f"{path}: no observation has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
         return reading
@@ -234,14 +209,13 @@ class Recorded:
 
     def _account(
         self, bag: "Bag", source: ObservationSource, model: ObjectModel | None, settings: EstimatorSettings, warn: Warn
-    ) -> tuple[list[Observation], Ledger, RunRecord]:
+    ) -> tuple[list[Observation], Ledger, PlanRecord]:
         """The observations of a bag, those that its run went on from first, and what became of its messages."""
         ledger, record, before = Ledger(), RunRecord(bag, source.namespace), beside(self.path, PRIOR_FILE)
         outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
-        made = _from_poses if source.kind == "poses" else _recorded
         earlier = [] if model is None or before is None else prior(before, model)
         found: list[Observation] = []
-        for observation in made(bag, source, outline, settings.trajectory, ledger, record, warn):
+        for observation in _made(bag, source, outline, settings.trajectory, ledger, record, warn):
             for one in (observation,) if found else (*earlier, observation):
                 self.on_observation(one)
             found.append(observation)
@@ -250,8 +224,8 @@ class Recorded:
         for text in bag.lost:
             ledger.doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}")
         of_the_run = found if model is not None and _is_recorded(self.path, model) else None
-        record.close(ledger, of_the_run, settings, len(earlier))
-        return (earlier if found else []) + found, ledger, record
+        record.close(ledger, of_the_run, settings, self._own_settings, len(earlier))
+        return (earlier if found else []) + found, ledger, record.plan
 
     def _cell(self, bag: "Bag") -> str | None:
         """The namespace of the cell to read: the one that is given, or the only one with observations; None: there is none.
@@ -281,14 +255,10 @@ def _recorded_types(bag: "Bag") -> dict[str, str]:
 
 def cells(bag: "Bag") -> list[str]:
     """The namespaces of the cells with observations."""
-    recorded = set(_recorded_types(bag))
-    found = {
-        name.rpartition("/")[0]
-        for wanted in (POSE_TOPICS, OBSERVATION_TOPICS)
-        for name in recorded
-        if {f"{name.rpartition('/')[0]}/{one}" for one in wanted} <= recorded
-    }
-    return sorted(found)
+    recorded = _recorded_types(bag).keys()
+    wanted = (POSE_TOPICS, OBSERVATION_TOPICS)
+    found = {name.rpartition("/")[0] for name in recorded}
+    return sorted(cell for cell in found if any({f"{cell}/{one}" for one in names} <= recorded for names in wanted))
 
 
 def _check_type(bag: "Bag", topic: str, type_name: str) -> None:
@@ -305,31 +275,29 @@ class Reading:
         ledger: what became of every message, and what does not add up.
     """
 
-    def __init__(self, found: list[Observation], excluded: Collection[int], ledger: Ledger, record: RunRecord | None) -> None:
+    def __init__(self, found: list[Observation], excluded: Collection[int], ledger: Ledger, plan: PlanRecord) -> None:
         self.observations = [observation for observation in found if observation.push_id not in excluded]
         self.ledger = ledger
-        self._found, self._excluded, self._record = found, excluded, record
+        self._found, self._excluded, self._plan = found, excluded, plan
 
     def settle(self, estimator: Estimator) -> None:
         """Enter what an estimator has made of the observations."""
-        record = self._record
         self.ledger.settle(
             Counter(one.push_id for one in self._found),
             Counter(one.push_id for one in estimator.observations),
             self._excluded,
             {one.push_id for one in estimator.rejected},
-            record.plan.started if record is not None else (),
-            record.plan.aborted if record is not None else (),
+            self._plan.started,
+            self._plan.aborted,
         )
 
 
 def _enter_unread(bag: "Bag", source: ObservationSource, ledger: Ledger) -> None:
     """Enter the messages of other cells, which are not read."""
-    kinds = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES, "observation": OBSERVATIONS}
     for topic in bag.summary.topics:
         namespace, _, name = topic.name.rpartition("/")
-        if name in kinds and namespace != source.namespace:
-            ledger.accounts[kinds[name]].enter(FOREIGN, topic.message_count)
+        if name in INPUTS and namespace != source.namespace:
+            ledger.accounts[INPUTS[name][0]].enter(FOREIGN, topic.message_count)
 
 
 def _is_recorded(path: pathlib.Path, model: ObjectModel) -> bool:
@@ -341,7 +309,7 @@ def _is_recorded(path: pathlib.Path, model: ObjectModel) -> bool:
     return np.array_equal(recorded, model.outline.vertices)
 
 
-def _from_poses(
+def _made(
     bag: "Bag",
     source: ObservationSource,
     outline: Outline,
@@ -350,42 +318,22 @@ def _from_poses(
     record: RunRecord,
     warn: Warn,
 ) -> Iterator[Observation]:
+    """The observations of a bag; its record takes the messages of its topics on the way."""
     maker = ObservationMaker(outline, config, with_forces=len(source.topics) > len(POSE_TOPICS))
-    kinds = dict(zip(source.topics, (POSES, STATES, WRENCHES), strict=False))
-    for message in bag.messages((*source.topics, *record.topics)):
-        kind = kinds.get(message.topic)
-        try:
-            if kind is None:
-                record.take(message)
-            elif kind == POSES:
-                yield from maker.add_pose(content(bag, message, pose_sample_from_msg), message.log_time_ns)
-            elif kind == STATES:
-                yield from maker.add_pusher(content(bag, message, pusher_sample_from_msg), message.log_time_ns)
-            else:
-                yield from maker.add_force(content(bag, message, force_sample_from_msg))
-        except ValueError as error:
-            warn(f"{message.topic} refused: {error}")
-            ledger.accounts[kind or OBSERVATIONS].enter(REFUSED)
-    ledger.absorb(maker.ledger(record.plan.planned, bag.numbered))
-    if (apart := maker.trajectory.apart) is not None:
-        warn(f"{bag.path}: {tip_stays_away(apart)}")
-    if maker.waiting:
-        warn(f"{bag.path}: ends before the force of its last observations was measured; left out: {maker.waiting}")
-
-
-def _recorded(
-    bag: "Bag", source: ObservationSource, outline: Outline, _: TrajectoryConfig, ledger: Ledger, record: RunRecord, warn: Warn
-) -> Iterator[Observation]:
     for message in bag.messages((*source.topics, *record.topics)):
         if message.topic in record.topics:
             record.take(message)
         if message.topic not in source.topics:
             continue
+        kind, sample_from_msg = INPUTS[message.topic.rpartition("/")[2]]
         try:
-            observation = content(bag, message, observation_from_msg)
-            observation.check_contact(outline)
-        except (ValueError, PushfricError) as error:
+            yield from maker.add(content(bag, message, sample_from_msg), message.log_time_ns)
+        except (ValueError, UninformativePush) as error:
             warn(f"{message.topic} refused: {error}")
-            ledger.accounts[OBSERVATIONS].enter(REFUSED)
-        else:
-            yield observation
+            ledger.accounts[kind].enter(REFUSED)
+    if source.kind == "poses":
+        ledger.absorb(maker.ledger(record.plan.planned, bag.numbered))
+    if (apart := maker.trajectory.apart) is not None:
+        warn(f"{bag.path}: {tip_stays_away(apart)}")
+    if maker.waiting:
+        warn(f"{bag.path}: ends before the force of its last observations was measured; left out: {maker.waiting}")

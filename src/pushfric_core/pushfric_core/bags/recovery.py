@@ -42,17 +42,14 @@ def recover(path: PathLike, out: PathLike) -> Bag:
                 if (kept := beside(damaged.path, name)) is not None:
                     with writer.writing():
                         shutil.copyfile(kept, pathlib.Path(out) / name)
-            channels = {}
             for topic in damaged.summary.topics:
-                text = topic.definition
-                channels[topic.name, topic.type_name] = writer.register(
-                    topic.name, topic.type_name, topic.qos_profiles, topic.type_hash, text.encoding, text.text.encode()
-                )
+                encoding, text = topic.definition
+                writer.add_topic(topic.name, topic.type_name, topic.qos_profiles, topic.type_hash, text, encoding)
             for message in damaged.messages():
-                writer.append(channels[message.topic, message.type_name], message.log_time_ns, message.raw)
+                writer.write(message.topic, message.log_time_ns, message.raw, message.type_name)
             for key, texts in ((BEFORE, lost), (UNKNOWN_BEFORE, [*unknown, *damaged.notes])):
                 if texts:
-                    writer.note(key, "; ".join(texts))
+                    writer.custom[key] = "; ".join(texts)
     except BaseException:
         shutil.rmtree(new.folder, ignore_errors=True)  # a part of what can be saved is of no use
         raise

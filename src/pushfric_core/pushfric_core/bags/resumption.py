@@ -10,26 +10,18 @@ came before it.
 import pathlib
 import time
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from pushfric_core.bags.contents import mcap_file
-from pushfric_core.bags.mcap_file import GrowingFile
+from pushfric_core.bags.mcap_file import GrowingFile, Input
 from pushfric_core.bags.run_record import PLAN
 from pushfric_core.bags.samples import stamp_from_msg
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 
 INPUTS = ("object_pose", "pusher_state", "wrench", "observation", PLAN, START_TOPIC, SETTINGS_TOPIC)
 """Relative names of the topics that are read."""
-
-
-class Input(NamedTuple):
-    """A message of one of the inputs."""
-
-    topic: str  # relative name
-    msg: Any
-    received: int | None  # when it was recorded, or came by topic [ns]; None: not known
 
 
 class Resumption:
@@ -50,8 +42,7 @@ class Resumption:
     """
 
     def __init__(self, bag: pathlib.Path, namespace: str, inputs: Sequence[str]) -> None:
-        self._bag, self._file, self._inputs = bag, GrowingFile(mcap_file(bag)), inputs
-        self._names = {f"{namespace.rstrip('/')}/{name}": name for name in INPUTS}
+        self._bag, self._file, self._inputs = bag, GrowingFile(mcap_file(bag), namespace, INPUTS), inputs
         self._recorded: dict[str, int] = {}  # newest stamp of each input in the bag [ns]
         self._came: dict[str, int] = {}  # stamp of the first message of each that came by topic [ns]
         self._held: list[Input] = []
@@ -89,12 +80,9 @@ class Resumption:
 
     def _read(self) -> list[Input]:
         found: list[Input] = []
-        try:
-            for message in self._file.read_on():
-                name = self._names.get(self._file.channels[message.channel_id].topic)
-                if name is None:
-                    continue
-                msg = self._file.decoded(message)
+        with blaming(f"{self._bag}: the estimate cannot go on from it", OSError):
+            for one in self._file.read_on():
+                name, msg, _ = one
                 if name == START_TOPIC and msg.continuation:
                     self.heard = self.heard or msg.continuation == self.continuation
                 elif name == START_TOPIC:
@@ -105,9 +93,7 @@ class Resumption:
                     self.published.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
                 elif name == PLAN or name in self._inputs:
                     self._recorded[name] = stamp_from_msg(msg.header.stamp)
-                    found.append(Input(name, msg, message.log_time))
-        except (OSError, ValueError) as error:
-            raise InvalidInput(f"{self._bag}: the estimate cannot go on from it: {error}") from error
+                    found.append(one)
         return found
 
 
@@ -121,20 +107,18 @@ class PushCount:
         pushes: the largest number of a push in the bag, plus one.
         newest: stamp of the newest pusher state in the bag [ns]; None: it holds none.
     Raises:
-        OSError, ValueError: the bag cannot be read; the second also where its messages are not what they should be.
+        InvalidInput: the bag cannot be read, or its messages are not what they should be.
     """
 
     def __init__(self, bag: pathlib.Path, namespace: str) -> None:
-        self._file = GrowingFile(mcap_file(bag))
-        self._topic = f"{namespace.rstrip('/')}/pusher_state"
+        self._bag, self._file = bag, GrowingFile(mcap_file(bag), namespace, ["pusher_state"])
         self.pushes = 0
         self.newest: int | None = None
         self.read_on()
 
     def read_on(self) -> None:
         """Count what was recorded since the last call. Raises as the class."""
-        for message in self._file.read_on():
-            if self._file.channels[message.channel_id].topic == self._topic:
-                state = self._file.decoded(message)
+        with blaming(f"{self._bag}: its pushes cannot be counted", OSError):
+            for _, state, _ in self._file.read_on():
                 self.pushes = max(self.pushes, state.push_id + 1)
                 self.newest = stamp_from_msg(state.header.stamp)

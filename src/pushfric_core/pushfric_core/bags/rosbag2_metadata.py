@@ -3,7 +3,7 @@
 import os
 import pathlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -111,12 +111,6 @@ class Parts(NamedTuple):
     notes: tuple[str, ...]  # what cannot be known
 
 
-def _numbers(files: Sequence[pathlib.Path]) -> list[tuple[str, int] | None]:
-    """The name and the number in each file's name; None: there is none."""
-    found = (_NUMBERED.fullmatch(file.name) for file in files)
-    return [None if one is None else (one["base"], int(one["number"])) for one in found]
-
-
 def parts_of(path: pathlib.Path, metadata: BagMetadata | None) -> Parts:
     """The files of a bag's folder, or the one file that is given.
 
@@ -139,7 +133,8 @@ def parts_of(path: pathlib.Path, metadata: BagMetadata | None) -> Parts:
         )
     if not present:
         raise InvalidInput(f"{path}: is not a bag, expected {METADATA}, or an .mcap file in it; {CONVERT}")
-    known = dict(zip(present, _numbers(present), strict=True))
+    matches = ((file, _NUMBERED.fullmatch(file.name)) for file in present)
+    known = {file: None if one is None else (one["base"], int(one["number"])) for file, one in matches}
     files = tuple(sorted(present, key=lambda file: (known[file] is None, (known[file] or ("", 0))[1], file.name)))
     numbers = [known[file] for file in files]
     if len(files) == 1 and numbers == [None]:

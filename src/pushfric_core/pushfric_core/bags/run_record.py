@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 OBSERVATION, ESTIMATE, PLAN = "observation", "friction_estimate", "plan_progress"
 
 TYPES = {
+    "object_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "pusher_state": "pushfric_msgs/msg/PusherState",
     OBSERVATION: "pushfric_msgs/msg/Observation",
+    "wrench": "geometry_msgs/msg/WrenchStamped",
+    SETTINGS_TOPIC: "std_msgs/msg/String",
     ESTIMATE: "pushfric_msgs/msg/FrictionEstimate",
     PLAN: "pushfric_msgs/msg/PlanProgress",
     START_TOPIC: "pushfric_msgs/msg/EstimationStart",
-    SETTINGS_TOPIC: "std_msgs/msg/String",
 }
+"""Types of the messages on these topics."""
 
 PHASES = constants("PlanProgress")
 
@@ -128,15 +132,13 @@ class RunRecord:
 
     def __init__(self, bag: "Bag", namespace: str) -> None:
         self._bag = bag
-        recorded = {(topic.name, topic.type_name) for topic in bag.summary.topics}
-        names = {f"{namespace}/{name}": name for name, kind in TYPES.items() if (f"{namespace}/{name}", kind) in recorded}
-        self.topics: Collection[str] = names.keys()
-        self._names = names
+        wanted = (OBSERVATION, ESTIMATE, PLAN, START_TOPIC)
+        self._names = bag.summary.names(namespace, {name: TYPES[name] for name in wanted})
+        self.topics: Collection[str] = self._names.keys()
         self._observations: dict[Key, Observation] = {}
         self._repeated = 0
         self._unread: set[str] = set()  # topics with messages that cannot be read
         self._last: BagMessage | None = None  # estimate
-        self._settings: BagMessage | None = None
         self._starts = 0
         self.plan = PlanRecord()
 
@@ -148,8 +150,6 @@ class RunRecord:
                 self._on_observation(content(self._bag, message, observation_from_msg))
             elif name == ESTIMATE:
                 self._last = message
-            elif name == SETTINGS_TOPIC:
-                self._settings = message
             elif name == PLAN:
                 self.plan.take(content(self._bag, message, lambda msg: msg))
             else:
@@ -162,7 +162,14 @@ class RunRecord:
         self._repeated += key in self._observations
         self._observations[key] = observation
 
-    def close(self, ledger: Ledger, made: Sequence[Observation] | None, settings: EstimatorSettings, earlier: int) -> None:
+    def close(
+        self,
+        ledger: Ledger,
+        made: Sequence[Observation] | None,
+        settings: EstimatorSettings,
+        recorded: EstimatorSettings | None,
+        earlier: int,
+    ) -> None:
         """Note in a ledger what does not add up.
 
         Args:
@@ -170,12 +177,12 @@ class RunRecord:
             made: the observations that the bag gives of the object that was recorded, those of excluded pushes, too; None: not
                 known.
             settings: what they were made with.
+            recorded: the run's own settings; None: not known.
             earlier: number of observations that the run went on from.
         """
         if self._repeated:
             text = f"{counted(self._repeated, 'observation was', 'observations were')} recorded more than once"
             ledger.doubt(DoubtCode.RUN_DIFFERS, text)
-        recorded = self._recorded_settings()
         alike = recorded is None or (
             recorded.trajectory == settings.trajectory and recorded.with_forces == settings.with_forces
         )
@@ -186,14 +193,6 @@ class RunRecord:
         if made is not None:
             self.plan.doubt_empty(ledger, {one.push_id for one in made})
         self.plan.doubt_end(ledger)
-
-    def _recorded_settings(self) -> EstimatorSettings | None:
-        if self._settings is None:
-            return None
-        try:
-            return EstimatorSettings.from_text(content(self._bag, self._settings, lambda msg: str(msg.data)))
-        except (ValueError, PushfricError):
-            return None
 
     def _compare_observations(self, ledger: Ledger, made: Sequence[Observation]) -> None:
         """Each observation that the run made must come out of the bag's poses and pusher states again, and no other."""

@@ -1,13 +1,14 @@
 """Samples and observations from messages, of a bag or live, and back; any object with the fields will do."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from pushfric_core.bags.constants import constants
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.planar import OBJECT, TABLE, Pose, Twist, is_frame
 from pushfric_core.plausible import FARTHEST, STRONGEST, check_within
+from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, STATES, WRENCHES
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ForceSample
 from pushfric_core.trajectories.samples import PoseSample, PusherSample
@@ -124,6 +125,15 @@ def observation_from_msg(msg: Any) -> Observation:
         tip_velocity=_known(msg.tip_velocity.x, msg.tip_velocity.y),
         depth=None if depth is None else depth[0],
     )
+
+
+INPUTS: Mapping[str, tuple[str, Callable[[Any], PoseSample | PusherSample | ForceSample | Observation]]] = {
+    "object_pose": (POSES, pose_sample_from_msg),
+    "pusher_state": (STATES, pusher_sample_from_msg),
+    "wrench": (WRENCHES, force_sample_from_msg),
+    "observation": (OBSERVATIONS, observation_from_msg),
+}
+"""The topics from which observations come, by relative name: the kind of their messages in the ledger, and what reads one."""
 
 
 def _known(*numbers: float) -> Any:

@@ -28,7 +28,7 @@ from pushfric_core.cell.node_settings import (
     TipConfig,
     ViewConfig,
 )
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.yaml_files import yaml_content
 from pushfric_core.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, spare_trackers, tracker_kinds
@@ -115,10 +115,8 @@ def load_cell(path: pathlib.Path) -> CellFile:
         InvalidInput: it cannot be read or does not describe a cell; one line that names file and key.
     """
     content = yaml_content(path)
-    try:
+    with blaming(path):
         return _cell(content, path.resolve().parent)
-    except ValueError as error:
-        raise InvalidInput(f"{path}: {error}") from error
 
 
 def _cell(content: Any, folder: pathlib.Path) -> CellFile:
@@ -130,12 +128,10 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         if name in left_out:
             return ()
         values = _mapping(name, whole.pop(name, {}))
-        try:
+        with blaming(name, error=ValueError):
             configs = [*SECTIONS[name], *driver_kinds(name, values)]
             spare = spare_trackers(values.get("tracker", CameraConfig.tracker)) if name == "camera" else []
             return read(_beside(values, folder, [*configs, *spare]), *configs, *spare, keys=True)[: len(configs)]
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from error
 
     seen, pushes, (plan,), (*estimator, model), (recorder, images), (view,), (planner,), poses, tip, (simulation,) = map(
         section, SECTIONS
@@ -146,10 +142,8 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
         raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
-    try:
+    with blaming("camera", error=ValueError):
         tracker = chosen_tracker(trackers) if trackers else None
-    except ValueError as error:
-        raise ValueError(f"camera: {error}") from error
     return CellFile(
         pushed.object,
         camera,

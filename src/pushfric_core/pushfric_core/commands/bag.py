@@ -122,7 +122,7 @@ def _condition(checked: CheckedBag) -> dict[str, Any]:
         "topics": {topic.name: topic.message_count for topic in bag.summary.topics},
         "types": {topic.name: topic.type_name for topic in bag.summary.topics},
         "missing": {} if damage is None else damage.missing,
-        "gaps": [{"file": file.name, **gap._asdict()} for file, gap in gaps],
+        "gaps": [gap._asdict() for gap in gaps],
         "contradictions": [] if damage is None else list(damage.contradictions),
         "notes": list(bag.notes),
         "doubts": [one._asdict() for one in checked.doubts],
@@ -167,8 +167,8 @@ def _end(checked: CheckedBag, json: str | None) -> None:
 def _print_damage(bag: Bag) -> None:
     assert bag.damage is not None
     _show(bag.what_is_missing(with_places=False))
-    for file, gap in bag.damage.gaps:
-        _show(f"{file.name}, bytes {gap.begin} to {gap.end}: {gap.reason}, {bag.when(gap)}")
+    for gap in bag.damage.gaps:
+        _show(f"{gap.file}, bytes {gap.begin} to {gap.end}: {gap.reason}, {bag.when(gap)}")
     for contradiction in bag.damage.contradictions:
         _show(contradiction)
 

@@ -14,10 +14,10 @@ from pushfric_core.cell.node_settings import NAMESPACE
 from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import NamespaceOption
 from pushfric_core.commands.console import say, warn, write_json
-from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, borrowed, frames_from
+from pushfric_core.commands.frames import borrowed, frames_from
 from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.program import telling_what_is_left
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files.disk import reading, write_whole
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.yaml_text import Value, with_values
@@ -32,7 +32,7 @@ from pushfric_core.vision.calibration import (
 )
 from pushfric_core.vision.camera import Camera, Image, check_size, load_camera, load_lens, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
-from pushfric_core.vision.frame_source import Frames
+from pushfric_core.vision.frame_source import ACCEPTED, Frames
 from pushfric_core.vision.tip_measurement import measure_tip, tip_figures, tip_findings, tip_picture
 from pushfric_core.wording import counted
 
@@ -45,7 +45,7 @@ STROKES = 13
 SHORT_OF_THE_END = 1e-4
 """The stroke is not quite used up, because controllers round positions [m]."""
 
-CAMERA = ACCEPTED_WITH_TOPICS[0].upper() + ACCEPTED_WITH_TOPICS[1:]
+CAMERA = ACCEPTED[0].upper() + ACCEPTED[1:]
 
 PRINT_IT = "print it at 100 %, and compare its ruler with a real one"
 
@@ -142,10 +142,8 @@ def table(
 
 
 def _board(columns: int, rows: int, square: float) -> Board:
-    try:
+    with blaming():
         return Board(columns, rows, square)
-    except ValueError as error:
-        raise InvalidInput(str(error)) from error
 
 
 @app.command()

@@ -9,7 +9,7 @@ import typer
 
 from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import PlainCommand
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
 PlannerFlag = Annotated[bool, typer.Option("--planner", help="Also start a node that answers planners.")]
@@ -65,9 +65,7 @@ def view_at(address: str, settings: ViewConfig) -> ViewConfig | None:
     found = ADDRESS.fullmatch(address)
     if found is None:
         raise InvalidInput(f"--view must be a port or HOST:PORT, got {address!r}")
-    try:
+    with blaming(f"--view {address}"):
         view = dataclasses.replace(settings, port=int(found["port"]))
         view = dataclasses.replace(view, host=found["host"].strip("[]")) if found["host"] else view
         return view.protected()  # here, so that a view that is started again keeps its token
-    except ValueError as error:
-        raise InvalidInput(f"--view {address}: {error}") from error

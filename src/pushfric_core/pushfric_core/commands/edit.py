@@ -9,12 +9,13 @@ from pushfric_core.cell.node_settings import NAMESPACE, ViewConfig
 from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import NamespaceOption
 from pushfric_core.commands.console import say
-from pushfric_core.commands.frames import ACCEPTED_WITH_TOPICS, frames_from
+from pushfric_core.commands.frames import frames_from
 from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.plausible import LARGEST
 from pushfric_core.vision.camera import load_camera
+from pushfric_core.vision.frame_source import ACCEPTED
 from pushfric_core.wording import counted
 
 app = Application()
@@ -23,9 +24,7 @@ app = Application()
 @app.command()
 def edit(
     file: Annotated[pathlib.Path, typer.Argument(help="Object YAML, to write or to change.", show_default=False)],
-    picture: Annotated[
-        str, typer.Option(help=f"Draw over a picture: {ACCEPTED_WITH_TOPICS}.", show_default="an empty sheet")
-    ] = "",
+    picture: Annotated[str, typer.Option(help=f"Draw over a picture: {ACCEPTED}.", show_default="an empty sheet")] = "",
     camera: Annotated[
         pathlib.Path | None,
         typer.Option(

@@ -4,11 +4,8 @@ import importlib.metadata
 from typing import Any
 
 from pushfric_core.cell.node_settings import Discovery
-from pushfric_core.errors import InvalidInput, MissingPackage
-from pushfric_core.vision.frame_source import ACCEPTED, TOPICS, DeviceFrames, Frames
-
-ACCEPTED_WITH_TOPICS = f"{ACCEPTED}; or {' or '.join(TOPICS)}, for a camera whose driver is a node"
-"""The kinds of a source."""
+from pushfric_core.errors import MissingPackage
+from pushfric_core.vision.frame_source import TOPICS, DeviceFrames, Frames
 
 
 def frames_from(source: str, namespace: str, size: tuple[int, int] | None = None, discovery: Discovery | None = None) -> Frames:
@@ -26,10 +23,7 @@ def frames_from(source: str, namespace: str, size: tuple[int, int] | None = None
     if source in TOPICS:
         frames: Frames = borrowed("frames", f"the source {source}")(source, namespace, discovery)
         return frames
-    try:
-        return DeviceFrames(source, size)
-    except InvalidInput as error:
-        raise InvalidInput(f"{error}; or {' or '.join(TOPICS)}, for a camera whose driver is a node") from error
+    return DeviceFrames(source, size)
 
 
 GROUP = "pushfric.node_graph"

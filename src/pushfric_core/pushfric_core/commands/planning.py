@@ -12,7 +12,7 @@ from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import answer
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files.csv_files import MOVED, TURNED, read_edge_pushes, read_point_pushes
 from pushfric_core.files.disk import make_folder, write_whole
 from pushfric_core.files.model_file import SUFFIXES, ModelFile, load_model
@@ -147,7 +147,7 @@ def export(
             raise InvalidInput(f"{model}: has a single sample, not some to draw {samples} models from; leave out --samples")
         names = [pushed.name] if samples is None else [f"{pushed.name}_{k:0{len(str(samples - 1))}}" for k in range(samples)]
         for name, one in zip(names, [friction] if samples is None else friction.drawn(samples), strict=True):
-            try:
+            with blaming(f"{model}: cannot be exported"):
                 files = exported(
                     one,
                     pushed.outline,
@@ -161,8 +161,6 @@ def export(
                     pusher_radius=pusher_radius,
                     rests_on=file.rests_on,
                 )
-            except ValueError as error:
-                raise InvalidInput(f"{model}: cannot be exported: {error}") from error
             for written, text in files.items():
                 write_whole(out / written, text)
                 say(f"wrote {out / written}")

@@ -14,7 +14,7 @@ from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option_as_recorded
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.estimation.estimator import Warn, taken
 from pushfric_core.estimation.push_choice import RankedPush, next_pushes, planned_pushes, slip_pushes
 from pushfric_core.estimation.push_plan import PlannedPush
@@ -59,10 +59,8 @@ def region(
     model = load_object(object_name) if source is None else object_of(source, object_name)[0]
     recorded = None if source is None else Recorded(source, namespace)
     settings = EstimatorSettings() if recorded is None else recorded.settings
-    try:
+    with blaming():
         config = settings.region if region_margin is None else RegionConfig(region_margin)
-    except ValueError as error:
-        raise InvalidInput(str(error)) from error
     settings = settings.without(exclude_push or ())
     reading = None if recorded is None else recorded.read(model, settings, warn, partial)
     data = settings.relied_on([] if reading is None else reading.observations, model.support_points, warn)

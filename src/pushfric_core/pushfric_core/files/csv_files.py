@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.errors import InvalidInput, PushfricError, blaming
 from pushfric_core.files.disk import as_named_here, reading, write_whole
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Twist
@@ -64,10 +64,8 @@ class CsvRow(NamedTuple):
             InvalidInput: one is not a number, or beyond FARTHEST.
         """
         found = self.numbers(names)
-        try:
+        with blaming(self.where):
             check_within(" and ".join(names), found, FARTHEST, "m")
-        except ValueError as error:
-            raise InvalidInput(f"{self.where}: {error}") from error
         return found
 
 
@@ -204,10 +202,8 @@ def read_edge_pushes(path: pathlib.Path, outline: Outline) -> EdgePushes:
     """The rows of a CSV file with the columns TURNED; others are ignored. For arguments and errors see `read_point_pushes`."""
     rows, places = _read(path, TURNED, outline)
     for where, half_width, turn in zip(places, rows[:, 4], rows[:, 7], strict=True):
-        try:
+        with blaming(where):
             check_half_width(outline, half_width)
-        except ValueError as error:
-            raise InvalidInput(f"{where}: {error}") from error
         if abs(turn) != 1:
             raise InvalidInput(f"{where}: turn must be +1 (counter-clockwise) or -1, got {turn:g}")
     return EdgePushes(rows[:, 0:2], rows[:, 2:4], rows[:, 4], rows[:, 5:7], rows[:, 7])
@@ -220,11 +216,9 @@ def _read(path: pathlib.Path, columns: tuple[str, ...], outline: Outline) -> tup
     places = [row.where for row in rows]
     for where, row in zip(places, numbers.tolist(), strict=True):
         x, y, normal_x, normal_y = row[:4]
-        try:
+        with blaming(where):
             for name, value in zip(columns, row, strict=True):
                 if name in BOUNDS:
                     check_within(name, (value,), *BOUNDS[name])
             check_planned_contact(outline, (x, y), (normal_x, normal_y))
-        except ValueError as error:
-            raise InvalidInput(f"{where}: {error}") from error
     return numbers, places

@@ -21,9 +21,22 @@ def reading(path: pathlib.Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
-    except (csv.Error, ValueError) as error:  # bytes that are not UTF-8, and a NUL in the path, raise a ValueError
+    except (csv.Error, ValueError, MemoryError) as error:  # bytes that are not UTF-8, and a NUL in the path, raise a ValueError
         name = repr(str(path)) if "\0" in str(path) else path
-        raise InvalidInput(f"{name}: cannot be read: {error}") from error
+        raise InvalidInput(f"{name}: cannot be read: {error or 'there is not enough memory'}") from error
+
+
+@contextlib.contextmanager
+def writing(path: pathlib.Path) -> Iterator[None]:
+    """A context in which a file is written.
+
+    Raises:
+        InvalidInput: it cannot be.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def text_of(path: pathlib.Path, limit: int) -> str:
@@ -57,15 +70,22 @@ def write_whole(path: pathlib.Path, content: str | bytes) -> None:
     """
     make_folder(path.parent)
     draft = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
+    with writing(path):
         try:
-            draft.write_bytes(content.encode() if isinstance(content, str) else content)
+            with draft.open("wb") as stream:
+                stream.write(content.encode() if isinstance(content, str) else content)
+                stream.flush()
+                os.fsync(stream.fileno())
             draft.replace(path)
         except OSError:
             draft.unlink(missing_ok=True)
             raise
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from error
+        with contextlib.suppress(OSError):  # a file system may not be able to, or a folder not be readable
+            folder = os.open(path.parent, os.O_RDONLY)
+            try:
+                os.fsync(folder)  # the new name, too, outlasts a power cut
+            finally:
+                os.close(folder)
 
 
 def make_folder(path: pathlib.Path, new: bool = False) -> None:

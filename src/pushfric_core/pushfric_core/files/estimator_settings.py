@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy.typing as npt
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig, Warn, usable_by
 from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.geometry.outline import Outline
@@ -137,11 +137,9 @@ class ChosenSettings:
         lag = given.pop("pose_lag", recorded.trajectory.pose_lag)
         if "cone" not in recorded.estimator.terms:
             given.setdefault("mu_bound", EstimatorConfig.mu_bound)  # a bound that the run did not use says nothing about mu_c
-        try:
+        with blaming():
             (config,) = read(plain(recorded.estimator) | given, EstimatorConfig)
             trajectory = dataclasses.replace(recorded.trajectory, pose_lag=lag)
-        except ValueError as error:
-            raise InvalidInput(str(error)) from error
         slipping = tuple(sorted({*recorded.slipping, *self.slipping}))
         kept = tuple(sorted({*recorded.kept, *self.kept}))
         settings = recorded.without(self.excluded)

@@ -6,7 +6,7 @@ from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.disk import make_folder
+from pushfric_core.files.disk import make_folder, writing
 
 
 def check_image_name(path: pathlib.Path) -> None:
@@ -30,7 +30,5 @@ def save_figure(figure: Figure, path: pathlib.Path, dpi: int = 130) -> None:
     """
     check_image_name(path)
     make_folder(path.parent)
-    try:
+    with writing(path):
         figure.savefig(path, dpi=dpi)
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error.strerror or error}") from error

@@ -11,7 +11,7 @@ import numpy as np
 import pydantic
 import yaml
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.csv_files import read_table
 from pushfric_core.files.disk import reading, write_whole
@@ -105,10 +105,8 @@ class HypothesisFile(Strict):
         Raises:
             ValueError: the hypothesis has impossible support points of its own.
         """
-        try:
+        with blaming(f"hypothesis {self.name!r}", error=ValueError):
             points = support_points if self.support is None else self.support.points_over(outline)
-        except ValueError as error:
-            raise ValueError(f"hypothesis {self.name!r}: {error}") from error
         center = None if self.center_of_friction is None else np.array(self.center_of_friction)
         centroid = outline.polygon.centroid
         return Hypothesis(self.name, points, center).turned(math.radians(self.rotation_deg), (centroid.x, centroid.y))
@@ -170,7 +168,7 @@ def make_object(file: ObjectFile, where: str) -> ObjectModel:
     Raises:
         InvalidInput: the outline or some support points are impossible.
     """
-    try:
+    with blaming(where):
         outline = Outline(np.array(file.outline))
         points = file.support.points_over(outline)
         _check_on("support points", points, outline)
@@ -180,8 +178,6 @@ def make_object(file: ObjectFile, where: str) -> ObjectModel:
             if hypothesis.center_of_friction is not None:
                 _check_on(f"the center_of_friction of {hypothesis.name}", hypothesis.center_of_friction[None], outline)
         return ObjectModel(file.name, outline, points, file.height, hypotheses, file)
-    except ValueError as error:
-        raise InvalidInput(f"{where}: {error}") from error
 
 
 def _check_on(what: str, points: Array, outline: Outline) -> None:
@@ -236,10 +232,8 @@ def edited_object(target: pathlib.Path, known: ObjectModel | None, values: Mappi
     if target.exists():
         with reading(target):
             text = target.read_text(encoding="utf-8")
-        try:
+        with blaming(target):
             text = with_values(text, None, values)
-        except ValueError as error:
-            raise InvalidInput(f"{target}: {error}") from error
     else:
         content: dict[str, Any] = {"name": target.stem}
         if known is not None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import pydantic
 import yaml
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement, slipping_pushes
 from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import Length, ObjectModel
@@ -51,10 +51,8 @@ def load_plan(path: str, model: ObjectModel) -> list[PlannedPush]:
     pushes = []
     for index, entry in enumerate(read_yaml(pathlib.Path(path), PlanFile).pushes):
         push = PlannedPush(entry.edge, entry.offset, math.radians(entry.angle_deg))
-        try:
+        with blaming(f"{path}: pushes.{index}"):
             placement(model.outline, push, ANY_LINE, 0.0)
-        except ValueError as error:
-            raise InvalidInput(f"{path}: pushes.{index}: {error}") from error
         pushes.append(push)
     return pushes
 

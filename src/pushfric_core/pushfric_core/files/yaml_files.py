@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 
 import pydantic
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files.disk import reading, text_of
 from pushfric_core.files.yaml_text import TEXT_LIMIT, load_yaml
 from pushfric_core.wording import shortened
@@ -54,10 +54,8 @@ def yaml_content(path: pathlib.Path) -> Any:
     """
     with reading(path):
         text = text_of(path, TEXT_LIMIT)
-    try:
+    with blaming(f"{path}: not YAML"):
         return load_yaml(text)
-    except ValueError as error:
-        raise InvalidInput(f"{path}: not YAML: {error}") from error
 
 
 EXPECTED = {

@@ -23,7 +23,8 @@ from typing import Any, TypeVar
 
 from pushfric_core import __version__
 from pushfric_core.bags.recorded import bags_in, is_bag
-from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.errors import InvalidInput, PushfricError, blaming
+from pushfric_core.files.disk import writing
 from pushfric_core.files.model_file import save_model
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.records import to_json
@@ -78,7 +79,7 @@ def estimate_many(
         WorkerKilled: a process was killed; the lines up to then are in the folder.
     """
     models = model_names(inputs)
-    try:
+    with writing(out):
         (out / MODELS).mkdir(parents=True, exist_ok=True)
         wanted = {str(path): fingerprint(path, choices) for path in inputs}
         lines = {line["input"]: line for line in _earlier(out / RESULTS, wanted)}
@@ -94,8 +95,6 @@ def estimate_many(
                 line = json.loads(text)
                 lines[line["input"]] = line
                 finished(line)
-    except OSError as error:
-        raise InvalidInput(f"{out}: cannot be written: {error.strerror}") from error
     return [lines[str(path)] for path in inputs]
 
 
@@ -278,10 +277,8 @@ def _on_cluster(work: Callable[[Argument], Result], arguments: Iterable[Argument
     # imported late: it takes a second, for which a run without a cluster should not wait
     import distributed
 
-    try:
+    with blaming(f"--dask: no scheduler answers at {address}", OSError):
         client = distributed.Client(address, timeout=DASK_TIMEOUT)
-    except (OSError, ValueError) as error:
-        raise InvalidInput(f"--dask: no scheduler answers at {address}: {error}") from error
     with client:
         futures = client.map(work, list(arguments), pure=False)
         for _, result in distributed.as_completed(futures, with_results=True):

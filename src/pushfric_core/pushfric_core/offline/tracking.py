@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.samples import pose_sample_from_msg, stamp_from_msg
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.vision.camera import Image
 from pushfric_core.vision.image_messages import TYPES, image_from_msg
@@ -104,11 +104,9 @@ def _poses(bag: Bag) -> Iterator[tuple[int, Pose]]:
 
 def _images(bag: Bag, topic: str) -> Iterator[tuple[int, Image]]:
     for number, message in enumerate(bag.messages([topic]), 1):
-        try:
+        with blaming(f"{bag.path}: image {number} of {topic} cannot be read", AttributeError):
             msg = bag.deserialize(message)
             yield stamp_from_msg(msg.header.stamp), image_from_msg(msg)
-        except (ValueError, AttributeError) as error:
-            raise InvalidInput(f"{bag.path}: image {number} of {topic} cannot be read: {error}") from error
 
 
 def calibration_beside(bag: pathlib.Path, name: str) -> pathlib.Path:

@@ -7,6 +7,7 @@ import pathlib
 import urllib.parse
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 
+from pushfric_core.files.disk import write_whole
 from pushfric_core.settings import AUTO
 
 RESOLUTION = 2e-5
@@ -64,7 +65,7 @@ class PositionMemory:
         if self._file is None or same or not (self.settled or moves):
             return
         self._kept = position
-        self._writing = self._disk.submit(self._write, position)
+        self._writing = self._disk.submit(write_whole, self._file, json.dumps({"position": None if moves else position}))
 
     @property
     def settled(self) -> bool:
@@ -76,19 +77,3 @@ class PositionMemory:
         if self._writing is None or not wait((self._writing,), seconds).done:
             return None
         return self._writing.exception()
-
-    def _write(self, position: float) -> None:
-        """Raises OSError."""
-        assert self._file is not None
-        self._file.parent.mkdir(parents=True, exist_ok=True)
-        written = self._file.with_suffix(".new")
-        with open(written, "w", encoding="utf-8") as file:
-            json.dump({"position": None if math.isnan(position) else position}, file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(written, self._file)
-        folder = os.open(self._file.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)  # the new name, too, outlasts a power cut
-        finally:
-            os.close(folder)

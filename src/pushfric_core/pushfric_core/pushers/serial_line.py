@@ -10,7 +10,7 @@ import select
 import termios
 from collections import deque
 
-from pushfric_core.errors import extra
+from pushfric_core.errors import blaming, extra
 
 with extra("serial", "a serial port"):
     import serial
@@ -82,10 +82,8 @@ class SerialLine:
         """Raises NotConnected."""
         if not os.path.exists(self.path):
             raise NotConnected(f"no serial port at {self.path}")
-        try:
+        with blaming(f"cannot open {self.path}", OSError, error=NotConnected):
             self._port = open_port(self.path, self._baud)
-        except OSError as error:
-            raise NotConnected(f"cannot open {self.path}: {error}") from error
 
     def close(self, last_words: bytes) -> None:
         """Leave the port, if it is open."""
@@ -99,19 +97,15 @@ class SerialLine:
         """Raises NotConnected."""
         if self._port is None:
             raise NotConnected(f"{self.path} is not open")
-        try:
+        with blaming(f"lost {self.path}", OSError, error=NotConnected):
             write_all(self._port, data)
-        except OSError as error:
-            raise NotConnected(f"lost {self.path}: {error}") from error
 
     def read(self) -> list[bytes]:
         """The lines that have arrived since the last time. Raises NotConnected."""
         if self._port is None:
             raise NotConnected(f"{self.path} is not open")
-        try:
+        with blaming(f"lost {self.path}", OSError, error=NotConnected):
             self._buffer += self._port.read(LONGEST_LINE)
-        except OSError as error:
-            raise NotConnected(f"lost {self.path}: {error}") from error
         *lines, self._buffer = self._buffer.split(b"\n")
         self._buffer = self._buffer[-LONGEST_LINE:]  # noise without an end of line
         return lines

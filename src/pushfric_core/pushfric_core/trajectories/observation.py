@@ -6,7 +6,7 @@ from numbers import Integral
 
 import numpy as np
 
-from pushfric_core.errors import UninformativePush
+from pushfric_core.errors import UninformativePush, blaming
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, Twist
 from pushfric_core.plausible import FARTHEST, FASTEST, FASTEST_TURN, LARGEST, LONGEST, STRONGEST, check_within, other_unit
@@ -141,10 +141,8 @@ def check_planned_contacts(outline: Outline, points: Array, normals: Array, firs
     good &= outline.distances_to(points) <= OFF_OUTLINE
     good &= outline.outward(points, normals, OFF_OUTLINE)
     for number in np.flatnonzero(~good).tolist():
-        try:
+        with blaming(f"contact {first + number}", error=ValueError):
             check_planned_contact(outline, tuple(points[number].tolist()), tuple(normals[number].tolist()))
-        except ValueError as error:
-            raise ValueError(f"contact {first + number}: {error}") from error
 
 
 def check_half_width(outline: Outline, half_width: float) -> None:

@@ -124,6 +124,7 @@ class ObservationMaker:
     """
 
     def __init__(self, outline: Outline, config: TrajectoryConfig | None = None, with_forces: bool = False) -> None:
+        self._outline = outline
         self.trajectory = Trajectory(outline, config)
         self._forces = ForceMatcher() if with_forces else None
 
@@ -147,25 +148,28 @@ class ObservationMaker:
             ledger.accounts[OBSERVATIONS].enter(WAITING, self._forces.waiting)
         return ledger
 
-    def add_pose(self, sample: PoseSample, received: int | None = None) -> list[Observation]:
-        """Take a pose, and return the observations that became complete; arguments and errors as `Trajectory.add_pose`."""
-        return self._with_forces(self.trajectory.add_pose(sample, received))
+    def add(
+        self, sample: PoseSample | PusherSample | ForceSample | Observation, received: int | None = None
+    ) -> list[Observation]:
+        """Take what a message holds, and return the observations that became complete; an observation is one.
 
-    def add_pusher(self, sample: PusherSample, received: int | None = None) -> list[Observation]:
-        """Take a pusher state, and return the observations that became complete."""
-        return self._with_forces(self.trajectory.add_pusher(sample, received))
-
-    def add_force(self, sample: ForceSample) -> list[Observation]:
-        """Take a sample of the force, and return the observations that became complete.
-
+        Args:
+            sample: from the message; of the force only if observations are made with forces.
+            received: as for `Trajectory.add_pose`.
         Raises:
-            ValueError: the force is not finite, or observations are made without forces.
+            ValueError: the sample is impossible, or not on the object.
         """
-        if self._forces is None:
-            raise ValueError("observations are made without forces here")
-        return self._forces.add_force(sample)
-
-    def _with_forces(self, made: list[Observation]) -> list[Observation]:
+        if isinstance(sample, Observation):
+            sample.check_contact(self._outline)
+            return [sample]
+        if isinstance(sample, ForceSample):
+            if self._forces is None:
+                raise ValueError("observations are made without forces here")
+            return self._forces.add_force(sample)
+        if isinstance(sample, PoseSample):
+            made = self.trajectory.add_pose(sample, received)
+        else:
+            made = self.trajectory.add_pusher(sample, received)
         if self._forces is None:
             return made
         return [complete for observation in made for complete in self._forces.add_observation(observation)]

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 import cv2
 import numpy as np
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.geometry.planar import Array
 from pushfric_core.plausible import other_unit
 from pushfric_core.vision.camera import Image, Lens, check_size
@@ -171,7 +171,5 @@ def calibration_from(
         progress(f"{len(names)} of {counted(frames, 'picture')} left out, {why}: {', '.join(names)}")
     if not kept:
         raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
-    try:
+    with blaming(source.name, InvalidInput):
         return calibrate(kept, shape)
-    except InvalidInput as error:
-        raise InvalidInput(f"{source.name}: {error}") from error

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files.disk import write_whole
 from pushfric_core.files.yaml_files import yaml_content
 from pushfric_core.geometry.planar import Array
@@ -289,10 +289,8 @@ def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) 
     fields = yaml_content(path)
     if not isinstance(fields, dict):
         raise InvalidInput(f"{path}: expected a camera YAML with image_width, camera_matrix, ..., got {type(fields).__name__}")
-    try:
+    with blaming(path, InvalidInput):
         return read(fields)
-    except (InvalidInput, ValueError) as error:
-        raise InvalidInput(f"{path}: {error}") from error
 
 
 class _YamlInfo:

@@ -17,11 +17,12 @@ from pushfric_core.vision.camera import Image
 PICTURE_PERIOD = 1 / 30
 """Time between the pictures of a folder [s]."""
 
-ACCEPTED = "a camera's index (0 is the first), the URL of a stream, a video file, or a folder of pictures"
-"""The kinds of a source."""
-
 TOPICS = {"topic": "image_raw", "compressed": "image_raw/compressed"}
 """Sources that are topics, for a camera whose driver is a node, and their names."""
+
+ACCEPTED = "a camera's index (0 is the first), the URL of a stream, a video file, or a folder of pictures;"
+ACCEPTED += f" or {' or '.join(TOPICS)}, for a camera whose driver is a node"
+"""The kinds of a source."""
 
 REOPEN_PERIOD = 1.0
 """Time between attempts to find a camera that went away [s]."""

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from pushfric_core.errors import InvalidInput
-from pushfric_core.files.disk import make_folder
+from pushfric_core.files.disk import make_folder, writing
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.vision.board import MARKER, Board, charuco
 from pushfric_core.vision.fiducial_tracker import BORDER_MODULES, Fiducials
@@ -64,10 +63,8 @@ def _save(black: shapely.Geometry, frame: shapely.Geometry, text: str, path: pat
     ruler = f"This ruler is {_RULER_MM} mm long. If not, print again at 100 %. {text}"
     axes.text(_MARGIN_MM + _RULER_MM + 5, bottom - 10, ruler, fontsize=7)
     make_folder(path.parent)
-    try:
+    with writing(path):
         figure.savefig(path, format="pdf")
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error}") from error
 
 
 def _black(board: Board) -> shapely.Geometry:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from pushfric_core.cell.mount import MountConfig
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Array, Pose, left_of, rotation, transform
 from pushfric_core.plugins import SOURCES, plugin
@@ -243,10 +243,8 @@ class Arm(Driver):
 
     def _drain(self) -> list[Body]:
         """Raises PusherError if what came cannot be a pose."""
-        try:
+        with blaming("no pose of the arm", error=NotConnected):
             return list(self._take())
-        except ValueError as error:
-            raise NotConnected(f"no pose of the arm: {error}") from error
 
     def _newest(self) -> PusherReport | None:
         """See Driver. It carries the stamp of the pose, not the one given: that is when the tip was there."""

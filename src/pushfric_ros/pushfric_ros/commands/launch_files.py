@@ -53,11 +53,10 @@ def _with_parts(
     specs: Sequence[NodeSpec], object_name: str, values: Mapping[str, str], shown: ViewConfig, asked: PlannerConfig
 ) -> Sequence[NodeSpec]:
     """The same nodes, with a view and a planner if they are asked for."""
-    view = view_at(values["view"], shown)
-    specs = specs if view is None else graph.with_view(specs, object_name, view)
     if values["planner"] not in ("true", "false"):
         raise InvalidInput(f"planner must be true or false, got {values['planner']!r}")
-    return graph.with_planner(specs, asked) if values["planner"] == "true" else specs
+    view, planner = view_at(values["view"], shown), asked if values["planner"] == "true" else None
+    return graph.with_parts(specs, object_name, view, planner)
 
 
 PARTS = {

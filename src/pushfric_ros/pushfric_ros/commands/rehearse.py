@@ -14,7 +14,7 @@ from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
 from pushfric_core.commands.console import console, warn, write_json
 from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.settings_options import option
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.plausible import check_within
 from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.pushers.serial_settings import SerialSettings
@@ -89,10 +89,8 @@ def rehearsal(
         if not sys.stdin.isatty():
             raise InvalidInput("--stroke is missing: how far the pusher may go forward from where it stands [m]")
         stroke = typer.prompt("The pusher will move. How far may it go forward from where it stands [m]?", type=float, err=True)
-        try:
+        with blaming():
             check_within("the stroke", (stroke,), LONGEST_STROKE, "m")
-        except ValueError as error:
-            raise InvalidInput(str(error)) from error
     outcomes: list[Outcome] = []
     with kind(Rehearsed(chosen, driver, stroke, speed), warn) as stage:
         stage.open()

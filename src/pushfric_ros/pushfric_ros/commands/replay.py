@@ -51,9 +51,7 @@ def replay(
     specs = graph.replay(
         str(bag), object_file, source, rate, settings, paused=True, partial=partial, model=model_file, shown=played
     )
-    if shown is not None:
-        specs = graph.with_view(specs, object_file, shown)
-    specs = graph.with_planner(specs, PlannerConfig()) if planner else specs
+    specs = graph.with_parts(specs, object_file, shown, PlannerConfig() if planner else None)
     live = console.is_terminal and not headless
     printed = False
 

@@ -86,9 +86,7 @@ def run(
             specs = graph.simulated_camera(file, str(bag), start)
         else:
             specs = graph.cell(file, str(bag), start)
-        if shown is not None:
-            specs = graph.with_view(specs, file.object, shown)
-        specs = graph.with_planner(specs, file.planner) if planner else specs
+        specs = graph.with_parts(specs, file.object, shown, file.planner if planner else None)
         if simulated and not live and shown is None:  # who runs a real pusher is near it
             specs = graph.unattended(specs)
         what = f"pushing {model.name}"

@@ -15,7 +15,7 @@ from pushfric_core.cell.cell_file import CellFile, load_cell
 from pushfric_core.cell.node_settings import LOOPBACK
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import console
-from pushfric_core.errors import InvalidInput
+from pushfric_core.files.disk import write_whole
 from pushfric_core.vision.camera import load_camera
 from pushfric_core.vision.frame_source import TOPICS as CAMERA_TOPICS
 from pushfric_ros.graph import graph
@@ -74,12 +74,7 @@ def security(
 ) -> None:
     """docs/security.md says how to make keys from the policy, and how to switch it on."""
     file = load_cell(cell)
-    text = policy(permissions(file))
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / FILE).write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InvalidInput(f"{out}: cannot be written: {error.strerror}") from error
+    write_whole(out / FILE, policy(permissions(file)))
     console.print(f"{out / FILE}: only {enclave(file.namespace, 'experiment')} may push", markup=False, soft_wrap=True)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, CameraConfig, Images, PlannerConfig, ViewConfig
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
@@ -111,10 +111,8 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
     topics = [*TOPICS, *[WRENCH] * file.estimator.with_forces]
     pictured = file.camera is not None and file.images.images is not Images.OFF
     topics += [IMAGES] * pictured
-    try:
+    with blaming("recorder"):
         recorder = replace(file.recorder, topics=(*(" ".join(topic) for topic in topics), *file.recorder.topics))
-    except ValueError as error:
-        raise InvalidInput(f"recorder: {error}") from error
     frames = plain(file.frames)
     estimation = {"object": file.object, "bag": bag, **frames, **plain(file.model), **file.estimator.parameters()}
     calibration = file.camera.calibration if file.camera is not None and pictured else ""
@@ -310,6 +308,14 @@ def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig, p
 def with_planner(specs: Sequence[NodeSpec], config: PlannerConfig) -> list[NodeSpec]:
     """The same nodes, and one that answers planners; the run does not wait for it."""
     return [*specs, NodeSpec("planner", plain(config), respawn=True, environment=specs[0].environment)]
+
+
+def with_parts(
+    specs: Sequence[NodeSpec], object_name: str, view: ViewConfig | None, planner: PlannerConfig | None
+) -> list[NodeSpec]:
+    """The same nodes, with a view and a planner if these are asked for."""
+    shown = [*specs] if view is None else with_view(specs, object_name, view)
+    return shown if planner is None else with_planner(shown, planner)
 
 
 def _awaiting(spec: NodeSpec, name: str) -> NodeSpec:

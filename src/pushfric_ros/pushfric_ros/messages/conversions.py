@@ -82,14 +82,10 @@ def _parts(record: type) -> tuple[_Part, ...]:
         holders, names = zip(*(one.rpartition(".")[::2] for one in path.split()), strict=True) if path else (("",), ())
         kind, *none = [one for one in get_args(field.hint) if type(None) in get_args(field.hint)] or [field.hint]
         many = get_origin(kind) is tuple and get_args(kind)[-1] is Ellipsis
-        holder = operator.attrgetter(holders[0]) if holders[0] else _itself
+        holder = operator.attrgetter(holders[0]) if holders[0] else lambda msg: msg
         if names or is_record(kind):
             found.append(_Part(field.name, holder, names, get_args(kind)[0] if many else kind, is_record(kind), not none))
     return tuple(found)
-
-
-def _itself(msg: Any) -> Any:
-    return msg
 
 
 @functools.cache

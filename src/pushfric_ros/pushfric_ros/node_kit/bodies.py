@@ -9,7 +9,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from pushfric_core.cell.mount import MountConfig
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.plugins import SOURCES, plugin
 from pushfric_ros.adapters.body import Body, Source
 from pushfric_ros.messages.types import message_class
@@ -27,10 +27,8 @@ def source_of(node: Node, mount: MountConfig) -> Source:
     Raises:
         InvalidInput: there is no such source, or its parameters are wrong.
     """
-    try:
+    with blaming(node.get_fully_qualified_name()):
         return declare(node, plugin(SOURCES, mount.source)).open_source()
-    except ValueError as error:
-        raise InvalidInput(f"{node.get_fully_qualified_name()}: {error}") from error
 
 
 def follow(

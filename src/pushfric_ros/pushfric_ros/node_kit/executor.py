@@ -19,6 +19,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.task import Task
+from rclpy.waitable import NumberOfEntities
 
 EVENTS_PERIOD = 0.1
 """Every publisher and subscription has an event for incompatible qualities of service, which rclpy logs. To wait for all of
@@ -102,14 +103,8 @@ class NodeExecutor(SingleThreadedExecutor):
     def _ready(self, timeout_ns: int) -> list[tuple[Callable[[Entity], Any], Entity]]:
         """The ready entities, each with what takes its data and returns its call; waits at most this long, -1: for ever."""
         (node,) = self.get_nodes()
-        entities = [
-            list(node.timers),
-            list(node.subscriptions),
-            list(node.guards),
-            list(node.clients),
-            list(node.services),
-            list(node.waitables),
-        ]
+        kinds = (node.timers, node.subscriptions, node.guards, node.clients, node.services, node.waitables)
+        entities = [list(kind) for kind in kinds]
         if entities != self._entities:
             try:
                 self._hold(entities)
@@ -124,18 +119,15 @@ class NodeExecutor(SingleThreadedExecutor):
             waitables = self._others
         waiting = self._wait_set
         waiting.clear_entities()
-        for one in timers:
-            waiting.add_timer(one.handle)
-        for one in subscriptions:
-            waiting.add_subscription(one.handle)
-        for one in guards:
-            waiting.add_guard_condition(one.handle)
-        waiting.add_guard_condition(self._guard.handle)  # tasks, and new entities
-        waiting.add_guard_condition(self._sigint_gc.handle)
-        for one in clients:
-            waiting.add_client(one.handle)
-        for one in services:
-            waiting.add_service(one.handle)
+        for add, some in (
+            (waiting.add_timer, timers),
+            (waiting.add_subscription, subscriptions),
+            (waiting.add_guard_condition, (*guards, self._guard, self._sigint_gc)),  # also of tasks, and new entities
+            (waiting.add_client, clients),
+            (waiting.add_service, services),
+        ):
+            for one in some:
+                add(one.handle)
         for one in waitables:
             one.add_to_wait_set(waiting)
         waiting.wait(timeout_ns)
@@ -164,14 +156,11 @@ class NodeExecutor(SingleThreadedExecutor):
         for one in entities[-1]:
             self._in_use.enter_context(one)
         timers, subscriptions, guards, clients, services = map(len, entities[:-1])
+        room = NumberOfEntities(subscriptions, guards + 2, timers, clients, services)
         for one in entities[-1]:
-            more = one.get_num_entities()
-            timers, subscriptions = timers + more.num_timers, subscriptions + more.num_subscriptions
-            guards, clients = guards + more.num_guard_conditions, clients + more.num_clients
-            services += more.num_services
-        events = sum(one.get_num_entities().num_events for one in entities[-1])
-        own = self._context.handle
-        self._wait_set = rclpy_implementation.WaitSet(subscriptions, guards + 2, timers, clients, services, events, own)
+            room += one.get_num_entities()
+        numbers = (getattr(room, kind) for kind in room.__slots__)  # in the order that a wait set takes
+        self._wait_set = rclpy_implementation.WaitSet(*numbers, self._context.handle)
         # A waitable takes the requests of the other services.
         self._services = [one for one in entities[4] if one.callback_group.can_execute(one)]
         self._others = [one for one in entities[-1] if not isinstance(one, EventHandler)]

@@ -12,7 +12,6 @@ from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.samples import pose_sample_from_msg
 from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import FrameConfig, ObjectConfig, TipConfig, TipNodeConfig
-from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import TABLE, Array, inverse, transform
 from pushfric_msgs.msg import PusherState
@@ -67,19 +66,13 @@ class TipSourceNode(Node):
             return None
         from pushfric_core.bags.resumption import PushCount  # imported late: few nodes of this kind need to read bags
 
-        try:
-            before = PushCount(pathlib.Path(self._bag), self.get_namespace())
-        except (OSError, ValueError) as error:
-            raise InvalidInput(f"{self._bag}: its pushes cannot be counted: {error}") from error
+        before = PushCount(pathlib.Path(self._bag), self.get_namespace())
         return None if before.newest is None else before
 
     def _count_on(self) -> None:
         """Number the pushes from now on, once all that came before have been counted."""
         assert self._before is not None
-        try:
-            self._before.read_on()
-        except (OSError, ValueError) as error:
-            raise InvalidInput(f"{self._bag}: its pushes cannot be counted: {error}") from error
+        self._before.read_on()
         newest = self._before.newest
         if self._first is not None and newest is not None and newest >= self._first:
             self._pushes, self._before = self._before.pushes, None

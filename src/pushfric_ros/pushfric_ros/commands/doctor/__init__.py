@@ -23,26 +23,7 @@ from pushfric_core.pushers.pusher import Check, Grade
 from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, load_camera
 from pushfric_core.vision.frame_source import TOPICS
-from pushfric_ros.commands.doctor.camera import (
-    Watched,
-    check_calibration,
-    check_camera,
-    check_exposure,
-    check_object,
-    check_plan,
-    check_stamps,
-    watch,
-)
-from pushfric_ros.commands.doctor.machine import (
-    check_build,
-    check_clock,
-    check_discovery,
-    check_disk,
-    check_multicast,
-    check_packages,
-    check_priority,
-    check_ros,
-)
+from pushfric_ros.commands.doctor import camera, machine
 from pushfric_ros.node_kit import network
 from pushfric_ros.node_kit.lock import lock
 
@@ -63,15 +44,11 @@ def examine(path: pathlib.Path | None, bags: pathlib.Path, progress: Callable[[s
     # like the nodes, this process and its children look for others where the cell's file says
     os.environ.update(network.asked_for(CellConfig.discovery if cell is None else cell.discovery))
     progress("environment")
-    yield check_ros()
-    yield check_packages()
-    yield check_build()
-    yield check_clock()
-    yield check_priority()
-    yield check_disk(bags)
+    yield from (check() for check in machine.CHECKS)
+    yield machine.check_disk(bags)
     progress("discovery")
-    yield check_discovery()
-    yield check_multicast()
+    yield machine.check_discovery()
+    yield machine.check_multicast()
     if cell is None:
         return
     with contextlib.ExitStack() as claim:
@@ -89,7 +66,7 @@ def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[C
     try:
         model = load_object(cell.object)
         if cell.pusher is not None:
-            yield check_plan(cell.plan, cell.pusher, model)
+            yield camera.check_plan(cell.plan, cell.pusher, model)
     except InvalidInput as error:
         yield Check("object", Grade.FAILED, str(error), "docs/files.md shows an object's file")
     if cell.camera is not None:
@@ -102,32 +79,33 @@ def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[C
 def _examine_camera(
     cell: CellFile, source: CameraConfig, model: ObjectModel | None, progress: Callable[[str], None]
 ) -> Iterator[Check]:
-    camera: Camera | None = None
+    known: Camera | None = None
     try:
-        camera = load_camera(source.calibration)
+        known = load_camera(source.calibration)
     except InvalidInput as error:
         again = f"./pushfric calibrate lens {source.source} --out {source.calibration}"
         again += f", then ./pushfric calibrate table {source.source} --camera {source.calibration}"
         yield Check("calibration", Grade.FAILED, str(error), again)
     progress("camera")
     try:
-        watched = watch(source, cell.namespace, (camera.width, camera.height) if camera is not None else None)
+        watched = camera.watch(source, cell.namespace, None if known is None else (known.width, known.height))
     except InvalidInput as error:
         holder = "plug it in; `fuser -v /dev/video*` names who holds it; sudo usermod -aG video $USER, then log in again"
         yield Check("camera", Grade.FAILED, str(error), holder)
-        watched = Watched([])
+        frames = []
     else:
-        yield check_camera(watched, source.source)
-    frames = watched.frames
-    if frames:
-        yield check_exposure(frames[-1].image)
+        yield camera.check_camera(watched, source.source)
+        frames = watched.frames
+    image = frames[-1].image if frames else None
+    if image is not None:
+        yield camera.check_exposure(image)
         if source.source in TOPICS:  # frames of a device get their stamps here
-            yield check_stamps(frames)
-    if camera is not None:
+            yield camera.check_stamps(frames)
+    if known is not None:
         if cell.pusher is not None:
-            yield check_calibration(camera, frames[-1].image if frames else None, cell.pusher)
+            yield camera.check_calibration(known, image, cell.pusher)
         if model is not None:
-            yield check_object(cell, camera, model, frames[-1].image if frames else None)
+            yield camera.check_object(cell, known, model, image)
 
 
 def passed(checks: list[Check]) -> bool:

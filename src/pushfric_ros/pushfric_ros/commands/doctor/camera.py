@@ -163,17 +163,13 @@ def check_exposure(image: Image) -> Check:
     finding = (
         f"{100 * saturated:.1f} % of the pixels are saturated, the brightest have {bright:.0f}, the median is {middle:.0f}"
     )
-    if middle >= SATURATED:
-        return Check("exposure", Grade.WARNING, finding, "the table must be dark: shorter exposure, less gain")
-    if saturated > MOST_SATURATED:
-        return Check(
-            "exposure",
-            Grade.WARNING,
-            finding,
-            "saturated areas look too large: shorter exposure, less gain, no highlights",
-        )
-    if bright < MIN_CONTRAST:
-        return Check("exposure", Grade.WARNING, finding, "too dark to see an object: more light or exposure, and no lens cap")
+    for wrong, advice in (
+        (middle >= SATURATED, "the table must be dark: shorter exposure, less gain"),
+        (saturated > MOST_SATURATED, "saturated areas look too large: shorter exposure, less gain, no highlights"),
+        (bright < MIN_CONTRAST, "too dark to see an object: more light or exposure, and no lens cap"),
+    ):
+        if wrong:
+            return Check("exposure", Grade.WARNING, finding, advice)
     return Check("exposure", Grade.OK, finding)
 
 

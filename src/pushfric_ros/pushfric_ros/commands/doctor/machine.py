@@ -149,6 +149,9 @@ def _fields(text: str) -> dict[str, str]:
     return fields
 
 
+CHECKS = (check_ros, check_packages, check_build, check_clock, check_priority)
+"""Those that need no more."""
+
 LAST_DOMAIN = 101
 """Higher ROS domains use ephemeral ports, which Linux may give to any program."""
 

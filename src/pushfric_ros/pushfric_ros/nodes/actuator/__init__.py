@@ -22,7 +22,7 @@ from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from pushfric_core.cell.node_settings import FrameConfig
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.pusher import (
@@ -84,11 +84,9 @@ class ActuatorNode(LifecycleNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("actuator", **kwargs)
         self._config = config = declare(self, PusherConfig)
-        try:
+        with blaming(self.get_fully_qualified_name()):
             driver: PusherDriver = declare(self, plugin(PUSHERS, config.driver))
             self._pusher: Pusher = driver.open_pusher(config)
-        except ValueError as error:
-            raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
         self._state = at_first(config.home)
         self._start_due = config.autostart
         self._report, self._reported = PusherReport(0.0, 0.0, Mode.DISCONNECTED, None), clock()  # the last one; when it came

@@ -5,19 +5,16 @@ from collections import Counter
 from typing import Any
 
 from pushfric_core.bags.run_record import PLAN, PlanRecord
-from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
+from pushfric_core.bags.samples import INPUTS
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.online_estimation import OnlineEstimation
 from pushfric_core.estimation.recognition import Recognizer
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import load_object
-from pushfric_core.trajectories.ledger import OBSERVATIONS, POSES, REFUSED, STATES, WRENCHES, Ledger
+from pushfric_core.trajectories.ledger import REFUSED, Ledger
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observation_maker import ObservationMaker
-
-KINDS = {"object_pose": POSES, "pusher_state": STATES, "wrench": WRENCHES, "observation": OBSERVATIONS}
-"""The inputs' names in the ledger."""
 
 
 class LiveEstimation:
@@ -74,18 +71,10 @@ class LiveEstimation:
             ValueError: the message is impossible.
             PushfricError: so is the observation.
         """
-        if topic == "observation":
-            observation = observation_from_msg(msg)
-            observation.check_contact(self.object.outline)
-            return [observation]
         if topic == PLAN:
             self._plan.take(msg)
             return []
-        if topic == "wrench":
-            return self.maker.add_force(force_sample_from_msg(msg))
-        if topic == "object_pose":
-            return self.maker.add_pose(pose_sample_from_msg(msg), received)
-        return self.maker.add_pusher(pusher_sample_from_msg(msg), received)
+        return self.maker.add(INPUTS[topic][1](msg), received)
 
     def learn(self, observation: Observation) -> None:
         """Take an observation in one go, in all respects, unless its push is left out."""
@@ -139,7 +128,7 @@ class LiveEstimation:
 
     def refuse_message(self, topic: str, error: Exception) -> None:
         """Refuse a message."""
-        self._refused_messages[KINDS[topic]] += 1
+        self._refused_messages[INPUTS[topic][0]] += 1
         self.refuse(topic, error)
 
     def ledger(self) -> Ledger:

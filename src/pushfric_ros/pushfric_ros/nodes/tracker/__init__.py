@@ -12,7 +12,7 @@ from sensor_msgs.msg import Image as ImageMsg
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.cell.node_settings import CameraConfig, FrameConfig, ObjectConfig, RequiredSubscribersConfig
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import TABLE
 from pushfric_core.plugins import chosen_tracker, tracker_kinds
@@ -47,10 +47,8 @@ class TrackerNode(Node):
         name = declare(self, ObjectConfig).object
         prefix = declare(self, FrameConfig).within(self.get_namespace())
         config = declare(self, CameraConfig)
-        try:
+        with blaming(self.get_fully_qualified_name()):
             driver = chosen_tracker([declare(self, kind) for kind in tracker_kinds(config.tracker)])
-        except ValueError as error:
-            raise InvalidInput(f"{self.get_fully_qualified_name()}: {error}") from error
         model, camera = load_object(name), load_camera(config.calibration)
         height = config.object_height or model.height
         self._object = model.name
@@ -78,10 +76,7 @@ class TrackerNode(Node):
             topics.subscribe(MESSAGES[config.source], self._source, self._on_image, IMAGE_QUEUE)
             return
         arrived, size = self.create_guard_condition(self._on_device_frames), (camera.width, camera.height)
-        try:
-            self._device = Device(config.source, size, lambda: self.get_clock().now().nanoseconds, arrived.trigger)
-        except InvalidInput as error:
-            raise InvalidInput(f"{error}; or {' or '.join(TOPICS)}, for a camera whose driver is a node") from error
+        self._device = Device(config.source, size, lambda: self.get_clock().now().nanoseconds, arrived.trigger)
         self._device.start()
 
     def destroy_node(self) -> None:
