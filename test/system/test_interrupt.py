@@ -56,7 +56,7 @@ def test_ctrl_c_is_quiet_whenever_it_comes(moment):
 WHILE_RECOVERING = """
 import os, signal
 from pushfric_core.bags.bag_writer import BagWriter
-BagWriter.append = lambda *_: os.kill(os.getpid(), signal.{})
+BagWriter.write = lambda *_: os.kill(os.getpid(), signal.{})
 """
 
 

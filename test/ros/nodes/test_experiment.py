@@ -418,11 +418,12 @@ class DeafPusher:
 def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, tmp_path):
     """On this machine a lock prevents it; on another machine, its pusher would carry out this cell's goals."""
     other = ros.node("another_experiment", namespace="/cell")
-    rival = other.create_publisher(PlanProgress, "plan_progress", LATCHED)
+    other.create_publisher(PlanProgress, "plan_progress", LATCHED)
     table = Table(ros, tmp_path)
     table.wait_for_message("another cell named /cell is running on this ROS domain: end it")
     assert all(state.push_id == PusherState.NO_PUSH for state in table.states)
-    other.destroy_publisher(rival)
+    ros.take_out(other)
+    other.destroy_node()
     assert table.wait_for_end().completed == 3
 
 
