@@ -147,9 +147,9 @@ class BagWriter:
             raise ValueError(f"topic {topic} was not added to the bag")
         channel = self._channels[topic, type_name]
         number = (self._first_number + self._numbers[topic]) % 2**32
+        self._numbers[topic] += 1  # a message that cannot be written leaves a gap
         with self.writing():
             self._writer.add_message(channel, log_time=stamp_ns, data=raw, publish_time=stamp_ns, sequence=number)
-        self._numbers[topic] += 1
         self._topics[channel]["message_count"] += 1
         start, end = self._span or (stamp_ns, stamp_ns)
         self._span = min(start, stamp_ns), max(end, stamp_ns)
