@@ -7,15 +7,12 @@ files are in the folder. `python -m faults.camera FAULT` is that camera.
 import array
 import contextlib
 import pathlib
-import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +29,8 @@ from pushfric_msgs.msg import PusherState
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.faults.fault import EndedEarly
+from pushfric_ros.faults.processes import end, started
 from pushfric_ros.graph import graph
-from pushfric_ros.graph.fork_server import die_with_parent
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
@@ -102,6 +99,10 @@ def _turn(seen: Seen) -> list[Frame]:
     return [seen.last[-1], seen.last[-2]] if seen.count % 2 == 0 else []
 
 
+def _ahead(seen: Seen) -> list[Frame]:
+    return [seen.now._replace(stamp=seen.now.stamp + HOUR)]
+
+
 FAULTS: dict[str, Callable[[Seen], list[Frame]]] = {
     "unplugged": lambda seen: [],
     "frozen": _shows(lambda seen: seen.first[0].picture),
@@ -116,9 +117,9 @@ FAULTS: dict[str, Callable[[Seen], list[Frame]]] = {
     "torn: the lower half is older": _shows(lambda seen: np.vstack((seen.now.picture[:240], seen.last[0].picture[240:]))),
     "frames in the wrong order": _turn,
     "every frame twice": lambda seen: [seen.now, seen.now],
-    "stamps of a foreign clock": lambda seen: [seen.now._replace(stamp=seen.now.stamp + HOUR)],
+    "stamps of a foreign clock": _ahead,
     "clock set back by an hour": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR)],
-    "clock set forward by an hour": lambda seen: [seen.now._replace(stamp=seen.now.stamp + HOUR)],
+    "clock set forward by an hour": _ahead,
     "clock set back for a second": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR * (seen.count < 14))],
 }
 """By the name of the fault: which frames the tracker gets, from those that the camera has seen."""
@@ -169,11 +170,8 @@ def start(fault: str, cell: CellRun) -> float:
 
 def main(fault: str, folder: pathlib.Path) -> None:
     """Run a cell with the tolerances of a real one, whose tracker does not hear its camera."""
-    with tempfile.TemporaryDirectory(prefix="pushfric-") as scratch, contextlib.ExitStack() as end:
-        command = [sys.executable, "-m", "faults.camera", fault]
-        camera = subprocess.Popen(command, preexec_fn=partial(die_with_parent, signal.SIGTERM))
-        end.callback(camera.wait)
-        end.callback(camera.terminate)
+    with tempfile.TemporaryDirectory(prefix="pushfric-") as scratch, contextlib.ExitStack() as stack:
+        stack.callback(end, started((sys.executable, "-m", "faults.camera", fault), folder, output=None))
         plan = PlanConfig(plan=str(folder / "plan.yaml"))
         cell = replace(demo_cell("wood_rect4", pathlib.Path(scratch)), plan=plan)
         tolerances = {name: getattr(plan, name) for name in ("clock_tolerance", "follow_tolerance", "lost_object")}
