@@ -372,7 +372,7 @@ def test_what_is_no_bag_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("no bag at all")
     (tmp_path / "nothing.mcap").touch()
     for use in (Bag, lambda path: recover(path, tmp_path / "out")):
-        with pytest.raises(InvalidInput, match="missing: cannot be read: No such file or directory"):
+        with pytest.raises(InvalidInput, match="missing: cannot be read: No such file or directory, expected a bag"):
             use(tmp_path / "missing")
         with pytest.raises(InvalidInput, match=r"empty: is not a bag, expected metadata\.yaml, or an \.mcap"):
             use(tmp_path / "empty")

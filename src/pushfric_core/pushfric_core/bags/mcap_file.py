@@ -164,7 +164,7 @@ class McapFile:
         self._statistics: Statistics | None = None
         self._unchecked = 0  # messages that no checksum of a chunk covers
         self._holds = False  # whether the checksum over all holds
-        with reading(path), path.open("rb") as stream:
+        with reading(path, ", expected a bag"), path.open("rb") as stream:
             begin, size = stream.read(len(MAGIC)), stream.seek(0, io.SEEK_END)
             stream.seek(max(0, size - len(MAGIC)))
             if MAGIC not in (begin, stream.read()):

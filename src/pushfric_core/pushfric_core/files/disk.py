@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import errno
 import os
 import pathlib
 import re
@@ -11,19 +12,22 @@ from pushfric_core.errors import InvalidInput
 
 
 @contextlib.contextmanager
-def reading(path: pathlib.Path) -> Iterator[None]:
+def reading(path: pathlib.Path, expected: str = "") -> Iterator[None]:
     """A context in which a file is opened, decoded, and parsed as CSV.
 
+    Args:
+        path: the file.
+        expected: what is added where it cannot be read.
     Raises:
         InvalidInput: one of these steps failed.
     """
     try:
         yield
     except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from error
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}{expected}") from error
     except (csv.Error, ValueError, MemoryError) as error:  # bytes that are not UTF-8, and a NUL in the path, raise a ValueError
         name = repr(str(path)) if "\0" in str(path) else path
-        raise InvalidInput(f"{name}: cannot be read: {error or 'there is not enough memory'}") from error
+        raise InvalidInput(f"{name}: cannot be read: {error or 'there is not enough memory'}{expected}") from error
 
 
 @contextlib.contextmanager
@@ -80,12 +84,15 @@ def write_whole(path: pathlib.Path, content: str | bytes) -> None:
         except OSError:
             draft.unlink(missing_ok=True)
             raise
-        with contextlib.suppress(OSError):  # a file system may not be able to, or a folder not be readable
+        try:
             folder = os.open(path.parent, os.O_RDONLY)
             try:
                 os.fsync(folder)  # the new name, too, outlasts a power cut
             finally:
                 os.close(folder)
+        except OSError as error:
+            if error.errno not in (errno.EACCES, errno.EINVAL):  # it may not be read; its file system cannot do that
+                raise
 
 
 def make_folder(path: pathlib.Path, new: bool = False) -> None:
