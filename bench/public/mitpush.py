@@ -151,7 +151,7 @@ def _listed(shape: str, path: pathlib.Path) -> Array:
         rows = [row.replace(",", " ").split() for row in re.split(r"[;\n\[\]]", matrix)]
         rows = [row for row in rows if row]
         if len(rows) > 2 and all(len(row) == 2 for row in rows):
-            with blaming(f"{path}: the outline of {shape}", PushfricError):
+            with blaming(f"{path}: the outline of {shape}", ValueError, PushfricError):
                 corners = np.array(rows, dtype=float)
                 corners = corners[np.any(corners != np.roll(corners, -1, axis=0), axis=1)]  # perhaps closed
                 Outline(corners)

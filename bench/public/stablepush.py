@@ -67,7 +67,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     written = []
     for name, found in objects.items():
         folder = out if len(objects) == 1 else out / name
-        with blaming(f"{source}: {name}", PushfricError):
+        with blaming(f"{source}: {name}", ValueError, PushfricError):
             observations = [_observation(found, index) for index in np.flatnonzero(found.stable).tolist()]
         if not observations:
             raise InvalidInput(f"{source}: no push of {name} was stable")

@@ -80,7 +80,7 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         push, cx, cy, nx, ny, dx, dy, turn, fx, fy = row.numbers(COLUMNS[2:])
         contact, motion = (cx * MILLIMETRE, cy * MILLIMETRE), Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
         tip, stamp = _tip_velocity(row, motion, contact), (int(push) + 1) * SECOND
-        with blaming(row.where, PushfricError):
+        with blaming(row.where, ValueError, PushfricError):
             one = Observation(contact, (nx, ny), motion, int(push), stamp=stamp, force=(fx, fy), tip_velocity=tip)
         logs.setdefault(row.texts["log"] or "", []).append(one)
     return logs

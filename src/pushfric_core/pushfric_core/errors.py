@@ -90,12 +90,12 @@ def blaming(where: object = "", *kinds: type[Exception], error: type[Exception] 
 
     Args:
         where: the file, the option or the like; empty: the error names it.
-        kinds: of what may be wrong, besides ValueError.
+        kinds: of what may be wrong; without any, ValueError.
         error: the kind that is raised.
     Raises:
         InvalidInput: something was wrong.
     """
-    caught: tuple[type[Exception], ...] = (ValueError, *kinds)
+    caught: tuple[type[Exception], ...] = kinds or (ValueError,)
     try:
         yield
     except caught as wrong:

@@ -15,12 +15,12 @@ from typing import Any
 from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.mcap_file import GrowingFile, Input
 from pushfric_core.bags.run_record import PLAN
-from pushfric_core.bags.samples import stamp_from_msg
+from pushfric_core.bags.samples import INPUTS, stamp_from_msg
 from pushfric_core.errors import blaming
 from pushfric_core.files.estimator_settings import START_TOPIC, EstimatorSettings
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 
-INPUTS = ("object_pose", "pusher_state", "wrench", "observation", PLAN, START_TOPIC, SETTINGS_TOPIC)
+TOPICS = (*INPUTS, PLAN, START_TOPIC, SETTINGS_TOPIC)
 """Relative names of the topics that are read."""
 
 
@@ -42,7 +42,7 @@ class Resumption:
     """
 
     def __init__(self, bag: pathlib.Path, namespace: str, inputs: Sequence[str]) -> None:
-        self._bag, self._file, self._inputs = bag, GrowingFile(mcap_file(bag), namespace, INPUTS), inputs
+        self._bag, self._file, self._inputs = bag, GrowingFile(mcap_file(bag), namespace, TOPICS), inputs
         self._recorded: dict[str, int] = {}  # newest stamp of each input in the bag [ns]
         self._came: dict[str, int] = {}  # stamp of the first message of each that came by topic [ns]
         self._held: list[Input] = []
@@ -80,7 +80,7 @@ class Resumption:
 
     def _read(self) -> list[Input]:
         found: list[Input] = []
-        with blaming(f"{self._bag}: the estimate cannot go on from it", OSError):
+        with blaming(f"{self._bag}: the estimate cannot go on from it", OSError, ValueError):
             for one in self._file.read_on():
                 name, msg, _ = one
                 if name == START_TOPIC and msg.continuation:
@@ -118,7 +118,7 @@ class PushCount:
 
     def read_on(self) -> None:
         """Count what was recorded since the last call. Raises as the class."""
-        with blaming(f"{self._bag}: its pushes cannot be counted", OSError):
+        with blaming(f"{self._bag}: its pushes cannot be counted", OSError, ValueError):
             for _, state, _ in self._file.read_on():
                 self.pushes = max(self.pushes, state.push_id + 1)
                 self.newest = stamp_from_msg(state.header.stamp)

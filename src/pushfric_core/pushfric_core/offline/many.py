@@ -277,7 +277,7 @@ def _on_cluster(work: Callable[[Argument], Result], arguments: Iterable[Argument
     # imported late: it takes a second, for which a run without a cluster should not wait
     import distributed
 
-    with blaming(f"--dask: no scheduler answers at {address}", OSError):
+    with blaming(f"--dask: no scheduler answers at {address}", OSError, ValueError):
         client = distributed.Client(address, timeout=DASK_TIMEOUT)
     with client:
         futures = client.map(work, list(arguments), pure=False)

@@ -104,7 +104,7 @@ def _poses(bag: Bag) -> Iterator[tuple[int, Pose]]:
 
 def _images(bag: Bag, topic: str) -> Iterator[tuple[int, Image]]:
     for number, message in enumerate(bag.messages([topic]), 1):
-        with blaming(f"{bag.path}: image {number} of {topic} cannot be read", AttributeError):
+        with blaming(f"{bag.path}: image {number} of {topic} cannot be read", ValueError, AttributeError):
             msg = bag.deserialize(message)
             yield stamp_from_msg(msg.header.stamp), image_from_msg(msg)
 

@@ -289,7 +289,7 @@ def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) 
     fields = yaml_content(path)
     if not isinstance(fields, dict):
         raise InvalidInput(f"{path}: expected a camera YAML with image_width, camera_matrix, ..., got {type(fields).__name__}")
-    with blaming(path, InvalidInput):
+    with blaming(path, InvalidInput, ValueError):
         return read(fields)
 
 
