@@ -113,7 +113,7 @@ def run(listener: Listener, changed: Callable[[list[NodeSpec]], list[NodeSpec]] 
         changed: makes other nodes of the cell's.
     """
     said: list[str] = []
-    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, visit("bench", graph.NAMESPACE) as here:
+    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, visit("bench", graph.NAMESPACE, images=True) as here:
         specs = graph.simulated_cell(demo_cell(OBJECT, Path(folder)), f"{folder}/bag", seed=0, speed=1.0)
         listener.subscribe(here.node)
         begin, cpu_before, ended, until = time.monotonic(), cpu_of_ended_children(), None, math.inf

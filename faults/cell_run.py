@@ -1,10 +1,8 @@
 """A cell that runs in a process of its own, as its user starts it, with its output and its nodes."""
 
 import contextlib
-import os
 import pathlib
 import re
-import signal
 import subprocess
 import sys
 import tempfile
@@ -13,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from pushfric_ros.faults.fault import EndedEarly, Otherwise
-from pushfric_ros.faults.processes import PROGRAM, nodes_alive, started
+from pushfric_ros.faults.processes import PROGRAM, end_nodes, nodes_alive, started
 
 STANDSTILL = 300.0
 """A run that prints nothing for this long does nothing more [s]."""
@@ -119,9 +117,7 @@ class CellRun(contextlib.ExitStack):
     def _end(self, process: "subprocess.Popen[str]") -> None:
         process.kill()
         process.wait()
-        for pid in self.nodes_alive():
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(pid, signal.SIGKILL)
+        end_nodes(self.folder)
         self._listener.join(10.0)
         assert process.stdout is not None
         process.stdout.close()

@@ -7,10 +7,11 @@ import os
 import pathlib
 import pty
 import re
+import select
 import signal
 import struct
-import subprocess
 import termios
+import time
 
 import numpy as np
 import pytest
@@ -19,9 +20,12 @@ from documents import blocks, has_the_form, shown
 from rosbags.highlevel import AnyReader
 
 from pushfric_core.geometry.table_1 import TABLE_1
-from pushfric_ros.faults.processes import pid_of
+from pushfric_ros.faults.processes import end, end_nodes, pid_of, started
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+PATIENCE = 120.0
+"""A demo on a terminal that does not do what it was told within this time [s] never will."""
 
 KEYS = {
     "object",
@@ -95,12 +99,15 @@ def test_the_keys_of_a_terminal_steer_the_demo(tmp_path):
     fcntl.ioctl(ours, termios.TIOCSWINSZ, struct.pack("4H", 50, 300, 0, 0))  # no prompt is cut by the end of a line
     command = [*PROGRAM, "demo", "--bag", str(tmp_path / "bag")]
     shown = ""
-    demo = subprocess.Popen(command, stdin=terminal, stdout=terminal, stderr=terminal)
+    demo = started(command, tmp_path, terminal, stdin=terminal)
     os.close(terminal)
 
     def read(until: str) -> None:
         nonlocal shown
+        deadline = time.monotonic() + PATIENCE
         while until not in shown:
+            came = select.select([ours], [], [], max(0.0, deadline - time.monotonic()))[0]
+            assert came, f"{until!r} did not come: {shown}"
             shown += os.read(ours, 65536).decode(errors="replace")
         shown = shown.partition(until)[2]  # what comes next may be there already
 
@@ -118,8 +125,8 @@ def test_the_keys_of_a_terminal_steer_the_demo(tmp_path):
             read("never")
         assert demo.wait(60) == 0, shown
     finally:
-        demo.kill()
-        demo.wait()
+        end(demo)
+        end_nodes(tmp_path)
         os.close(ours)
     assert re.search(r"p_CF x \[mm\](?s:.*)figure.png", shown)
 

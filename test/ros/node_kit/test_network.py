@@ -5,12 +5,13 @@ import os
 import shutil
 import subprocess
 import sys
+from xml.etree import ElementTree
 
 import pytest
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from pushfric_core.cell.node_settings import Discovery
-from pushfric_ros.node_kit.network import asked_for, configured
+from pushfric_ros.node_kit.network import HERE, asked_for, configured
 from pushfric_ros.node_kit.reach import FILE_VARIABLES, RANGE, VARIABLES
 
 pytestmark = pytest.mark.skipif(
@@ -130,19 +131,18 @@ APART = ["unshare", "--map-root-user", "--mount", "sh", "-c", 'mount -t tmpfs tm
     reason="no namespace of mounts of its own",
 )
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize("images", [False, True])
 @pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
-def test_what_the_middleware_says_is_not_among_a_programs_output(unset, range_, images):
+def test_what_the_middleware_says_is_not_among_a_programs_output(unset, range_):
     """Something holds what Fast DDS locks to take one of its ports, as do processes that start together."""
-    program = f"""
+    program = """
 import fcntl, sys
 import rclpy
 from pushfric_ros.node_kit.network import configured
 print("its output")
-held = [open(f"/dev/shm/fastrtps_port{{number}}_el", "w") for number in range(7000, 7020)]
+held = [open(f"/dev/shm/fastrtps_port{number}_el", "w") for number in range(7000, 7020)]
 for file in held:
     fcntl.flock(file, fcntl.LOCK_EX)
-with configured(images={images}):
+with configured(images=True):
     rclpy.init()
     node = rclpy.create_node("speaks")
 sys.stdin.read()  # a thread of the middleware writes it, some time
@@ -153,6 +153,26 @@ sys.stdin.read()  # a thread of the middleware writes it, some time
         assert any("Failed init_port" in line for line in speaks.stderr)
         said, _ = speaks.communicate()
     assert (speaks.returncode, said) == (0, "its output\n")
+
+
+def test_no_process_writes_elsewhere_what_the_middleware_says():
+    where = {ElementTree.tostring(ElementTree.parse(file).find("{*}log")) for file in HERE.glob("*.xml")}
+    assert len(where) == 1
+
+
+@pytest.mark.parametrize("range_", ["LOCALHOST", "SUBNET"])
+@pytest.mark.parametrize("images", [False, True])
+def test_only_a_process_with_images_uses_shared_memory(unset, range_, images):
+    program = f"""
+import rclpy
+from pushfric_ros.node_kit.network import configured
+with configured(images={images}):
+    rclpy.init()
+    node = rclpy.create_node("uses")
+print("/dev/shm/fastrtps_port" in open("/proc/self/maps").read())
+"""
+    uses = subprocess.run([sys.executable, "-c", program], env=os.environ | {RANGE: range_}, capture_output=True, text=True)
+    assert (uses.returncode, uses.stdout) == (0, f"{images}\n")
 
 
 def test_a_cell_asks_for_its_range_unless_the_user_does(unset, monkeypatch):

@@ -176,7 +176,7 @@ class Leaving(Node):
         raise SystemExit(3)
 
 atexit.register(print, "exit functions have run")
-process.run_node(Leaving)
+process.run_node(Leaving, images=True)
 """
 
 

@@ -42,7 +42,7 @@ class TopicFrames:
         self._here: Visit[Any] | None = None
 
     def __enter__(self) -> "TopicFrames":
-        self._here = visit("frames", self._namespace)
+        self._here = visit("frames", self._namespace, images=True)
         self._here.node.create_subscription(MESSAGES[self._source], TOPICS[self._source], self._take, IMAGE_QUEUE)
         return self
 

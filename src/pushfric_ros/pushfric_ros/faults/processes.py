@@ -24,11 +24,13 @@ PROCESSES = {"pushfric_ros.graph.fork_server": "fork_server", **{f"{node}_node":
 """By a part of the command line of each process of a run: its name here."""
 
 
-def started(arguments: Sequence[str], run: pathlib.Path, output: Any = subprocess.PIPE, **more: Any) -> "subprocess.Popen[str]":
+def started(
+    arguments: Sequence[str], run: pathlib.Path, output: Any = subprocess.PIPE, stdin: int = subprocess.DEVNULL, **more: Any
+) -> "subprocess.Popen[str]":
     """Start a process of a run, which has this folder, out of reach of the terminal's Ctrl-C; it ends with this process."""
     return subprocess.Popen(
         arguments,
-        stdin=subprocess.DEVNULL,
+        stdin=stdin,
         stdout=output,
         stderr=subprocess.STDOUT,
         text=True,
@@ -52,6 +54,13 @@ def nodes_alive(folder: pathlib.Path) -> dict[int, str]:
             if part in command and f"{MARKER}={folder}" in environment:
                 alive[int(process.name)] = name
     return alive
+
+
+def end_nodes(folder: pathlib.Path) -> None:
+    """Kill what has outlived the run with this folder."""
+    for pid in nodes_alive(folder):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
 
 
 def pid_of(node: str, folder: pathlib.Path) -> int:

@@ -6,9 +6,12 @@ files of profiles next to this module bind the sockets to the loopback interface
 
 Processes that start together find each other at once: Fast DDS alone lets them miss each other for 3 s, every other time.
 
-Fast DDS passes messages between processes of one machine through a segment of the sender's shared memory. Its half MiB is too
-small for one 640 x 480 colour image, so at camera rate most of such images are lost without an error. Processes that publish
-images have more. A camera driver can use `fastdds_images.xml`, too.
+Only processes that send or take images use shared memory; the others talk through the loopback interface. With shared memory,
+a process on a busy machine may be taken for dead and its port replaced, by any process that starts in any domain, and then it
+hears nothing more without an error (eProsima/Fast-DDS#6117, #5737). Images are too large for the buffers of sockets. They are
+passed through a segment of the sender's shared memory. Fast DDS's own half MiB is too small for one 640 x 480 colour image, so
+at camera rate most of such images are lost without an error; here, it has more. A camera driver can use `fastdds_images.xml`,
+too.
 """
 
 import contextlib
@@ -77,7 +80,7 @@ def configured(images: bool = False) -> Iterator[None]:
     """Within the context, the environment makes Fast DDS set up a process's first node as this module says.
 
     Args:
-        images: the process publishes images.
+        images: the process sends or takes images.
     Raises:
         InvalidInput: ROS_DOMAIN_ID is not a domain, or another variable keeps the middleware from starting; or SROS 2 is
             switched on, but the node made within the context has no keys, or the middleware no security.

@@ -71,7 +71,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
     process by raising SystemExit in a callback, with an exit code, or with the line that says why it fails. A node that hangs
     is ended by SIGALRM after `HUNG`, and one that hangs at its end by SIGPROF or SIGALRM after `LAST_RESORT`. A node that
     `winds_up` has a method `wind_up`; after a signal it is called, while the node is still spun, until it returns True, so
-    that the node can report how it ended. A node that publishes `images` gets memory for them (`network.configured`). A
+    that the node can report how it ended. A node that sends or takes `images` gets memory for them (`network.configured`). A
     `niceness` below 0 is taken if the system allows it; doctor says whether it does.
     """
     with contextlib.suppress(PermissionError):  # before there are threads, which inherit it

@@ -55,12 +55,13 @@ class Visit(Generic[AnyNode]):
     Args:
         make: makes the node; called with the keyword argument `context`.
         enclave: where SROS 2 finds the keys of this process, if it is switched on.
+        images: see `network.configured`.
     """
 
-    def __init__(self, make: Callable[..., AnyNode], enclave: str = "/") -> None:
+    def __init__(self, make: Callable[..., AnyNode], enclave: str = "/", images: bool = False) -> None:
         self._context = rclpy.Context()
         try:
-            with configured():
+            with configured(images):
                 rclpy.init(context=self._context, args=["--ros-args", "--enclave", enclave])
                 self.node = make(context=self._context)
             self._executor = SingleThreadedExecutor(context=self._context)
@@ -99,9 +100,9 @@ def enclave(namespace: str, name: str) -> str:
     return f"{namespace}/{name}"
 
 
-def visit(name: str, namespace: str = "") -> Visit[Node]:
-    """A visit by a node with nothing of its own."""
-    return Visit(partial(Node, name, namespace=namespace))
+def visit(name: str, namespace: str = "", images: bool = False) -> Visit[Node]:
+    """A visit by a node with nothing of its own, which may take `images` if this is the first visit of its process."""
+    return Visit(partial(Node, name, namespace=namespace), images=images)
 
 
 def middleware() -> str:

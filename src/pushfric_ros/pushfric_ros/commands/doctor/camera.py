@@ -112,7 +112,7 @@ def _watch_topic(source: str, namespace: str) -> Watched:
     def publishers() -> int:
         return subscription.get_publisher_count()
 
-    with visit("doctor", namespace) as here:
+    with visit("doctor", namespace, images=True) as here:
         subscription = here.node.create_subscription(MESSAGES[source], TOPICS[source], take, IMAGE_QUEUE)
         deadline = time.monotonic() + FRAME_TIMEOUT
         while len(frames) < FRAMES and not problems and time.monotonic() < deadline:

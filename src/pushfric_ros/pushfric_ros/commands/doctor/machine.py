@@ -177,7 +177,7 @@ def check_discovery() -> Check:
     seconds = round_trip(ANSWER_TIMEOUT)
     where = f"on domain {int(text)}, discovery range {os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')}"
     if seconds is None:
-        advice = "check ROS_AUTOMATIC_DISCOVERY_RANGE (not OFF), firewall rules for UDP 7400 and up, and free space in /dev/shm"
+        advice = "check ROS_AUTOMATIC_DISCOVERY_RANGE (not OFF) and firewall rules for UDP 7400 and up"
         return Check("discovery", Grade.FAILED, f"another process did not answer within {ANSWER_TIMEOUT:g} s {where}", advice)
     return Check("discovery", Grade.OK, f"another process answered after {seconds:.1f} s {where}")
 
@@ -200,7 +200,7 @@ def round_trip(patience: float) -> float | None:
         patience: how long to wait, not counting the start of the child [s].
     """
     name = f"pushfric_echo_{os.getpid()}"
-    with visit(f"{name}_caller") as here, _echo(name):
+    with visit(f"{name}_caller", images=True) as here, _echo(name):
         client = here.node.create_client(Trigger, f"{name}/answer")
         begin = time.monotonic()
         if not client.wait_for_service(timeout_sec=patience):

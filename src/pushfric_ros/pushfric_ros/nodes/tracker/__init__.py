@@ -170,4 +170,4 @@ class TrackerNode(Node):
 
 
 def main() -> None:
-    run_node(TrackerNode)
+    run_node(TrackerNode, images=True)
