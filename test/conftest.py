@@ -183,7 +183,7 @@ def ros() -> Iterator[Ros]:
 
     gc.collect()  # nodes of earlier tests live on in reference cycles, and would be taken for nodes of this one
     with contextlib.ExitStack() as stack:
-        with configured():
+        with configured(images=True):
             rclpy.init()
             stack.callback(rclpy.try_shutdown)
             stack.callback(rclpy.create_node("test").destroy_node)  # with it is made what all nodes of a process share

@@ -610,6 +610,21 @@ def test_a_position_that_jumps_for_good_is_no_position_any_more(stage):
     assert error.fault.name in ("POSITION", "WAY")
 
 
+def test_a_report_of_rest_without_a_place_ends_no_stroke(stage):
+    """The stroke was over 2 micrometres short, where the report before saw it, in motion."""
+    pusher = under_way(stage, 0.02)
+    first = iter([(b"<Idle|MPos:20.000", b"<Run|MPos:19.998")])
+
+    def spoil(data: bytes) -> bytes:
+        return data.replace(*next(first, (b"|MPos", b"|MPoos"))) if b"<Idle|MPos:20.000" in data else data
+
+    stage.line.to_host = spoil
+    stage.drive(pusher, lambda: not pusher.busy or pusher.dropped > 2)
+    stage.line.heal()
+    stage.drive(pusher, lambda: not pusher.busy)
+    assert pusher.axis.last.position == pytest.approx(0.02, abs=1e-6)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_random_damage_of_the_line_leads_no_pusher_astray(stage, seed):
     """A sample: `pushfric rehearse --damage` does it as often as it is told, on any controller."""

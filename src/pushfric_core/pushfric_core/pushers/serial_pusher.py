@@ -199,6 +199,10 @@ class SerialPusher(Driver):
         if status.work_offset is not None:
             axis.take_offset(status.work_offset, self.line.path)
         position, stamp = axis.position_of(status), self._now_stamp if self.line.stamp is None else self.line.stamp
+        if position is None and Phase.STREAMING in self._state:  # it was known, so bytes are damaged: where does it rest?
+            axis.damaged += 1
+            self.line.misheard()
+            return
         if position is not None:
             if not axis.can_be_true(position, status, asked, now, self.limits.max_speed, self._stroke):
                 self.line.misheard()
