@@ -175,6 +175,20 @@ class Ros:
             raise self._failure
 
 
+@pytest.fixture(scope="session")
+def room_for_images() -> None:
+    """Fast DDS reads a process's settings once, so the first node has those of a process whose nodes send and take images."""
+    from pushfric_ros.node_kit.visit import visit
+
+    visit("first", images=True).close()
+
+
+@pytest.fixture(autouse=True)
+def _middleware(request: pytest.FixtureRequest) -> None:
+    if not {"ros", "system"}.isdisjoint(request.path.parts):
+        request.getfixturevalue("room_for_images")
+
+
 @pytest.fixture
 def ros() -> Iterator[Ros]:
     import rclpy
@@ -183,7 +197,7 @@ def ros() -> Iterator[Ros]:
 
     gc.collect()  # nodes of earlier tests live on in reference cycles, and would be taken for nodes of this one
     with contextlib.ExitStack() as stack:
-        with configured(images=True):
+        with configured():
             rclpy.init()
             stack.callback(rclpy.try_shutdown)
             stack.callback(rclpy.create_node("test").destroy_node)  # with it is made what all nodes of a process share
