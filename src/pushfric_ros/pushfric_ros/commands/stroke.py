@@ -51,7 +51,8 @@ def along_the_stroke(
     os.environ.update(network.asked_for(cell.discovery))  # this process looks for others where the nodes do
     places: list[float] = []
     images: list[Image] = []
-    with _supervised(cell, lambda name, line: say(f"{name}: {line}")) as (person, start), source:
+    # the source first: the first node of a process decides whether it can take images
+    with source, _supervised(cell, lambda name, line: say(f"{name}: {line}")) as (person, start):
         here = start
         for position in positions:
             here = _go(person, here, position, speed)
