@@ -67,9 +67,13 @@ def controller(tmp_path) -> Iterator[SimulatedGrbl]:
         yield controller
 
 
+def unplug(controller: SimulatedGrbl, link) -> None:
+    link.unlink()  # first: the terminal that it leads to may be another test's next
+    controller.unplug()
+
+
 def plug_in(controller: SimulatedGrbl, link) -> None:
     controller.start()
-    link.unlink()
     link.symlink_to(controller.port)
 
 
@@ -252,7 +256,7 @@ def test_a_push_in_simulated_time(ros, tmp_path):
     assert late[len(late) // 2] <= 0.0004 + 1e-6  # one step of the clock
 
 
-def under_way_without(cell: Cell, controller: SimulatedGrbl, what: str) -> Callable[[], object]:
+def under_way_without(cell: Cell, controller: SimulatedGrbl, link, what: str) -> Callable[[], object]:
     """What takes from a push, once it is under way, what it needs."""
     if what.startswith("enable"):
         out = cell._other.create_publisher(Bool, "enable", LATCHED)
@@ -278,7 +282,7 @@ def under_way_without(cell: Cell, controller: SimulatedGrbl, what: str) -> Calla
         "deactivated": lambda: cell.change(Transition.TRANSITION_DEACTIVATE),
         "shut down": lambda: cell.change(Transition.TRANSITION_ACTIVE_SHUTDOWN),
         "time": lambda: None,
-        "unplugged": controller.unplug,
+        "unplugged": lambda: unplug(controller, link),
     }[what]
 
 
@@ -319,7 +323,7 @@ STOPPED = "somebody asked for a stop"
 )
 def test_a_push_is_stopped_when_what_it_needs_is_gone(ros, controller, tmp_path, what, parameters, message, fault, mode):
     cell = Cell(ros, tmp_path / "port", **parameters).ready()
-    take = under_way_without(cell, controller, what)
+    take = under_way_without(cell, controller, tmp_path / "port", what)
     handle = cell.halfway(controller)
     take()
     result = cell.result(handle)
@@ -585,7 +589,7 @@ def test_a_controller_lost_at_rest_continues_if_it_is_where_it_was(ros, controll
     cell.result(cell.send(0.03))
     cell.wait_for_mode(IDLE)
     assert (cell.states[-1].in_doubt, cell.states[-1].age) == (False, 0.0)
-    controller.unplug()
+    unplug(controller, tmp_path / "port")
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
     ros.wait_for(lambda: cell.states[-1].in_doubt and cell.states[-1].age > 0.2, what="a position that grows old")
     plug_in(controller, tmp_path / "port")
@@ -606,7 +610,7 @@ def test_after_a_power_cut_during_a_push_nothing_moves_until_a_person_confirms(r
     assert cell.states[-1].in_doubt
     assert controller.position() > 0.001
     # do what the message asks for; the restart alone is not enough
-    controller.unplug()
+    unplug(controller, tmp_path / "port")
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
     controller._carriage = 0.0
     controller.reset()
@@ -662,7 +666,7 @@ def test_after_a_power_cut_a_pusher_that_homes_must_home_even_if_it_is_unlocked(
         cell = Cell(ros, tmp_path / "port", home=True).ready()
         cell.result(cell.send(0.02))
         cell.wait_for_mode(PusherState.MODE_IDLE)
-        controller.unplug()
+        unplug(controller, tmp_path / "port")
         cell.wait_for_mode(PusherState.MODE_DISCONNECTED)
         controller.reset()
         controller._system("$X")
