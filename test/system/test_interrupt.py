@@ -53,6 +53,25 @@ def test_ctrl_c_is_quiet_whenever_it_comes(moment):
     assert ended.stderr.count("\n") == bool(said)
 
 
+TOO_LATE = """
+import os, signal, threading, time
+from pushfric_core.commands.program import run
+
+class Late:
+    def __del__(self, kill=os.kill, pid=os.getpid(), number=signal.SIGINT):
+        kill(pid, number)
+
+late = Late()
+threading.Thread(target=time.sleep, args=(60,), daemon=True).start()
+run(lambda: 0)
+"""
+
+
+def test_ctrl_c_that_comes_when_all_is_done_changes_nothing():
+    """A thread was there to take it, as of the middleware, and Python's handler was gone."""
+    assert subprocess.run([sys.executable, "-c", TOO_LATE], timeout=60).returncode == 0
+
+
 WHILE_RECOVERING = """
 import os, signal
 from pushfric_core.bags.bag_writer import BagWriter

@@ -43,8 +43,9 @@ def run(main: Callable[[], int | None]) -> NoReturn:
     """Run a program and end the process; `main` returns the exit code, or raises SystemExit with it."""
     end_at_once()
     # Last of all, because Python ends a process by SIGINT if a KeyboardInterrupt has passed through `exec`, which dataclasses
-    # use, and takes its handlers away before the process ends.
+    # use, and takes its handlers away before the process ends; what is ignored stays so, for threads of the middleware, too.
     atexit.register(signal.pthread_sigmask, signal.SIG_BLOCK, INTERRUPT)
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     sys.unraisablehook = _unraisable
     for number in (0, 1, 2):
         try:
