@@ -175,18 +175,12 @@ class Ros:
             raise self._failure
 
 
-@pytest.fixture(scope="session")
-def room_for_images() -> None:
+@pytest.fixture(scope="session", autouse=True)
+def _room_for_images() -> None:
     """Fast DDS reads a process's settings once, so the first node has those of a process whose nodes send and take images."""
     from pushfric_ros.node_kit.visit import visit
 
     visit("first", images=True).close()
-
-
-@pytest.fixture(autouse=True)
-def _middleware(request: pytest.FixtureRequest) -> None:
-    if not {"ros", "system"}.isdisjoint(request.path.parts):
-        request.getfixturevalue("room_for_images")
 
 
 @pytest.fixture

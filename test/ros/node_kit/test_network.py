@@ -175,16 +175,6 @@ print("/dev/shm/fastrtps_port" in open("/proc/self/maps").read())
     assert (uses.returncode, uses.stdout) == (0, f"{images}\n")
 
 
-def test_images_need_room_from_the_first_node_of_a_process_on(unset):
-    program = """
-from pushfric_ros.node_kit.visit import visit
-visit("first").close()
-visit("second", images=True)
-"""
-    visits = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert "the first node of this process had no room for images" in visits.stderr
-
-
 def test_a_cell_asks_for_its_range_unless_the_user_does(unset, monkeypatch):
     assert asked_for(Discovery.SUBNET) == {RANGE: "SUBNET"}
     for name in VARIABLES:

@@ -49,8 +49,6 @@ IMAGES_ON_THIS_MACHINE = HERE / "fastdds_images_this_machine.xml"
 FREE = 48 * 2**20
 """Least free shared memory [bytes]; if Fast DDS cannot make a segment, it falls back to the network."""
 
-_room: bool | None = None  # whether the first node of this process had room for images; Fast DDS reads its settings once
-
 
 @contextlib.contextmanager
 def apart() -> Iterator[None]:
@@ -87,10 +85,7 @@ def configured(images: bool = False) -> Iterator[None]:
         InvalidInput: ROS_DOMAIN_ID is not a domain, or another variable keeps the middleware from starting; or SROS 2 is
             switched on, but the node made within the context has no keys, or the middleware no security.
     """
-    global _room
     domain()
-    _room = images if _room is None else _room
-    assert _room or not images, "the first node of this process had no room for images"
     wanted = _settings(images)
     before = {name: os.environ.get(name) for name in wanted}
     _set(wanted)
