@@ -200,6 +200,7 @@ def round_trip(patience: float) -> float | None:
         patience: how long to wait, not counting the start of the child [s].
     """
     name = f"pushfric_echo_{os.getpid()}"
+    # doctor's first node, which decides whether it can take the camera's images later
     with visit(f"{name}_caller", images=True) as here, _echo(name):
         client = here.node.create_client(Trigger, f"{name}/answer")
         begin = time.monotonic()
