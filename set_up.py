@@ -624,7 +624,8 @@ def build(underlay: str | None) -> list[pathlib.Path]:
             command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF", *PYTHON_ONLY]
         built.unlink(missing_ok=True)
         forget_removed_interfaces(folder)
-        run(in_environment(command, underlay, overlaid=False), "building the workspace", dict(os.environ))
+        environment = {"MAKEFLAGS": f"-j{len(os.sched_getaffinity(0))}"} | os.environ  # else colcon adds -l: one job under load
+        run(in_environment(command, underlay, overlaid=False), "building the workspace", environment)
         run(in_environment(["python3", "-c", WARM_UP], underlay), "loading all modules", keeping_bytecode())
         built.write_text(fingerprint)
     if install.resolve() != folder / "install":
