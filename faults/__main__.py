@@ -14,9 +14,11 @@ import typer
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python faults`, from any folder
 
-from faults.cases import CASES, QUICK
+from faults import quota
+from faults.cases import CASES, QUICK, QUOTAS
 from faults.cell_run import new_run
 from faults.table import table
+from pushfric_core import InvalidInput
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cli import main as carried_out
 from pushfric_core.commands.program import run
@@ -48,11 +50,16 @@ def main(
     times: Annotated[int, typer.Option(help="How often each fault is tried.", min=1)] = 1,
 ) -> None:
     """Cause faults in running cells and judge what follows; writes docs/reliability.md. All faults take about an hour."""
-    # a shell starts background jobs with SIGINT ignored, and the runs would inherit that
+    # a shell starts background jobs with SIGINT ignored, nohup with SIGHUP, and the runs would inherit that
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: None)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
-    chosen = [fault for fault in CASES if only in fault.name and (fault.name in QUICK or not quick)]
+    possible = CASES if quota.available() else [fault for fault in CASES if fault not in QUOTAS]
+    chosen = [fault for fault in possible if only in fault.name and (fault.name in QUICK or not quick)]
+    if not chosen:
+        raise InvalidInput(f"--only {only}: no fault that can be caused here is named so; CPU quotas need control groups")
     loads, found = [], []
     for number, fault in enumerate(chosen, 1):
         outcomes = [tried(fault, new_run) for _ in range(times)]
@@ -82,7 +89,8 @@ def circumstances(found: list[dict[str, Any]], loads: list[float]) -> str:
     how_often = "once" if times == 1 else f"{times} times"
     load = f"load average {min(loads):.0f} to {max(loads):.0f}"
     machine = f"{os.cpu_count()} processors, Python {platform.python_version()}, {load}"
-    left_out = "; ".join(fault.name for fault in CASES[len(found) :])
+    tried_here = {one["fault"] for one in found}
+    left_out = "; ".join(fault.name for fault in CASES if fault.name not in tried_here)
     which = f"Not tried: {left_out}." if left_out else "No fault was left out."
     return f"Each fault was tried {how_often}, on {time.strftime('%Y-%m-%d')}: {machine}. {which}"
 

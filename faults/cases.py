@@ -223,11 +223,11 @@ def _every_sector(run: CellRun) -> None:
 
 def _starve(percent: float, run: CellRun) -> None:
     """Leave the run this share of a processor until its end; note how many pushes were carried out."""
-    with cpu_quota(percent, run.process.pid) as how:
+    with cpu_quota(percent, run.process.pid):
         run.wait_for_end()
     bag = Bag(run.bag)
     last = bag.deserialize(list(bag.messages([f"{NAMESPACE}/plan_progress"]))[-1])
-    run.note(f"{last.completed} of {last.count} pushes carried out, with {how}")
+    run.note(f"{last.completed} of {last.count} pushes carried out")
 
 
 def _kill_the_owner(percent: float, run: CellRun) -> None:
@@ -235,12 +235,12 @@ def _kill_the_owner(percent: float, run: CellRun) -> None:
 
     The actuator waits for that before it ends.
     """
-    with cpu_quota(percent, run.process.pid) as how:
+    with cpu_quota(percent, run.process.pid):
         run.wait_for_push()
         begin = time.monotonic()
         _signal(signal.SIGKILL, "experiment", run)
         run.wait_for(lambda: "actuator" not in run.nodes_alive().values(), "the end of the actuator")
-        run.note(f"the pusher rested within {time.monotonic() - begin:.1f} s, when the actuator ended, with {how}")
+        run.note(f"the pusher rested within {time.monotonic() - begin:.1f} s, when the actuator ended")
         run.wait_for_end()
 
 
@@ -343,7 +343,7 @@ FILE_CASES = [
         for more in (0, 1, 100, 5000, 20_000)
     ),
     Fault(
-        "every fsync fails (EIO)",
+        "every sync of the bag fails (EIO)",
         at_once(nothing, partial(CellRun.demo, through="faults.failing_sync")),
         Ends(
             "the run ends with an error though all pushes were made: nobody knows whether the bag is on the disk",

@@ -1,4 +1,6 @@
-"""Runs a command in which every fsync fails, as on a disk that is broken: `python -m faults.failing_sync COMMAND...`.
+"""Runs a command in which every fdatasync fails, as on a broken disk: `python -m faults.failing_sync COMMAND...`.
+
+Bags are synced with it, small files with fsync.
 
 The kernel itself answers so (seccomp), to the command and to all processes that it starts.
 """
@@ -10,8 +12,8 @@ import platform
 import struct
 import sys
 
-SYSTEM_CALLS = {"x86_64": (74, 75), "aarch64": (82, 83)}
-"""The numbers of fsync and fdatasync, by machine (asm/unistd.h)."""
+SYSTEM_CALLS = {"x86_64": 75, "aarch64": 83}
+"""The number of fdatasync, by machine (asm/unistd.h)."""
 
 NO_NEW_PRIVILEGES, SECCOMP, FILTER = 38, 22, 2  # prctl(2)
 LOAD, EQUAL, RETURN = 0x20, 0x15, 0x06  # of the classic BPF, linux/bpf_common.h
@@ -24,13 +26,12 @@ def known() -> bool:
 
 
 def fail_syncs() -> None:
-    """Let every fsync of this process and its children fail with EIO from now on.
+    """Let every fdatasync of this process and its children fail with EIO from now on.
 
     Raises:
         OSError: the kernel does not allow it.
     """
-    first, second = SYSTEM_CALLS[platform.machine()]
-    steps = [(LOAD, 0, 0, 0), (EQUAL, 1, 0, first), (EQUAL, 0, 1, second), (RETURN, 0, 0, FAILS), (RETURN, 0, 0, ALLOWED)]
+    steps = [(LOAD, 0, 0, 0), (EQUAL, 0, 1, SYSTEM_CALLS[platform.machine()]), (RETURN, 0, 0, FAILS), (RETURN, 0, 0, ALLOWED)]
     filters = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *step) for step in steps))
     program = struct.pack("HP", len(steps), ctypes.addressof(filters))
     libc = ctypes.CDLL(None, use_errno=True)

@@ -1,57 +1,56 @@
-"""Little CPU time for a running cell: by a control group, or by busy loops where none can be made."""
+"""Little CPU time for a running cell, by a control group of either version, cgroups(7)."""
 
 import contextlib
-import math
 import os
 import pathlib
-import subprocess
-import sys
+import time
 from collections.abc import Iterator
 
-GROUPS = pathlib.Path("/sys/fs/cgroup")  # of version 2, cgroups(7)
+GROUPS = pathlib.Path("/sys/fs/cgroup")
 
 PERIOD = 100_000
 """Within which the kernel counts the CPU time of a group, its default [us]."""
 
 
+def available() -> bool:
+    """Whether a group with a quota can be made here."""
+    try:
+        with _group(100):
+            return True
+    except OSError:
+        return False
+
+
 @contextlib.contextmanager
-def cpu_quota(percent: float, pid: int) -> Iterator[str]:
+def cpu_quota(percent: float, pid: int) -> Iterator[None]:
     """Leave a process, and all that it starts from now on, this share of one processor's time.
 
-    Yields:
-        How the time is limited, in words.
+    Raises:
+        OSError: no group can be made here.
     """
-    with contextlib.ExitStack() as undo:
-        try:
-            group = undo.enter_context(_group(percent))
-        except OSError:
-            one, loops = {min(os.sched_getaffinity(pid))}, math.ceil(100 / percent - 1)
-            os.sched_setaffinity(pid, one)
-            for _ in range(loops):
-                busy = undo.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
-                os.sched_setaffinity(busy.pid, one)
-                undo.callback(busy.kill)
-            yield f"{loops} busy processes on the one processor that is left to it"
-        else:
-            (group / "cgroup.procs").write_text(str(pid))
-            yield f"a control group with {percent:g} % of a processor"
+    with _group(percent) as group:
+        (group / "cgroup.procs").write_text(str(pid))
+        yield
 
 
 @contextlib.contextmanager
 def _group(percent: float) -> Iterator[pathlib.Path]:
-    """A new control group with a quota, which must be empty when it is removed.
-
-    Raises:
-        OSError: none can be made here.
-    """
-    group = GROUPS / f"pushfric-{os.getpid()}"
-    (GROUPS / "cgroup.controllers").read_text()  # only version 2 has it
+    """A new control group with a quota; the processes that are left in it at the end go back to its root."""
+    version_2 = (GROUPS / "cgroup.controllers").exists()
+    root, quota = GROUPS if version_2 else GROUPS / "cpu", round(PERIOD * percent / 100)
+    (root / "cgroup.procs").read_text()  # or this is an ordinary folder, as in some sandboxes
+    group = root / f"pushfric-{os.getpid()}"
     group.mkdir()
     try:
-        (group / "cpu.max").write_text(f"{round(PERIOD * percent / 100)} {PERIOD}")
+        if version_2:
+            (group / "cpu.max").write_text(f"{quota} {PERIOD}")
+        else:
+            (group / "cpu.cfs_quota_us").write_text(f"{quota}")
         yield group
     finally:
-        for pid in (group / "cgroup.procs").read_text().split():
-            with contextlib.suppress(OSError):  # it has ended meanwhile
-                (group.parent / "cgroup.procs").write_text(pid)
+        while left := (group / "cgroup.procs").read_text().split():
+            for pid in left:
+                with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+                    (root / "cgroup.procs").write_text(pid)
+            time.sleep(0.01)  # those that it has started meanwhile are moved, too
         group.rmdir()

@@ -46,7 +46,7 @@ except InvalidInput as error:
 """
 
 
-@pytest.mark.skipif(not failing_sync.known(), reason="fsync is made to fail on Linux only, on x86_64 and aarch64")
+@pytest.mark.skipif(not failing_sync.known(), reason="fdatasync is made to fail on Linux only, on x86_64 and aarch64")
 def test_a_bag_of_which_nobody_knows_whether_it_is_on_the_disk_is_not_finished(tmp_path):
     command = [sys.executable, "-m", "faults.failing_sync", sys.executable, "-c", FINISHING, str(tmp_path / "bag")]
     root = pathlib.Path(__file__).resolve().parents[2]

@@ -181,7 +181,7 @@ class BagWriter:
             self._writer.finish()
             self._check_place()
             self._file.flush()
-            os.fsync(self._file.fileno())
+            os.fdatasync(self._file.fileno())
             self._file.close()
         # a bag without this can be read, one with a part of it cannot
         write_whole(self.folder / METADATA, yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False))

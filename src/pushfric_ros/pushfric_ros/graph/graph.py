@@ -184,7 +184,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
     plan = replace(
         file.plan,
         lost_object=max(file.plan.lost_object, LEAST_TIMEOUT),
-        lost_result=max(file.plan.lost_result, LEAST_TIMEOUT),
+        lost_result=max(file.plan.lost_result, 2 * LEAST_TIMEOUT),  # the actuator, which knows more, gives up first
         clock_tolerance=max(file.plan.clock_tolerance, late),
         follow_tolerance=max(file.plan.follow_tolerance, late * file.plan.speed),
     )
