@@ -31,32 +31,33 @@ def small(tmp_path, monkeypatch):
 def test_each_constant_is_halved_and_doubled(small):
     study.study(small / "out", None, None, True, [small / "public"], 1, None)
     gains, halves = json.loads((small / "out/study.json").read_text()).values()
-    assert [*gains] == ["WIDER = 0.75", "WIDER = 3.0", "LATEST = 3", "LATEST = 12"]
-    assert {study_of_constants.SIMULATION, *study_of_constants.HALVES} < {*gains["WIDER = 3.0"]}
-    assert gains["WIDER = 0.75"][study_of_constants.SIMULATION] != gains["WIDER = 3.0"][study_of_constants.SIMULATION] != 0
+    assert [*gains] == ["WIDER = 1.5", "WIDER = 6.0", "LATEST = 3", "LATEST = 12"]
+    assert {study_of_constants.SIMULATION, *study_of_constants.HALVES} < {*gains["WIDER = 6.0"]}
+    assert gains["WIDER = 1.5"][study_of_constants.SIMULATION] != gains["WIDER = 6.0"][study_of_constants.SIMULATION] != 0
     judged = {f"{half}, {whose}": 7 for half in study_of_constants.HALVES for whose in ("used", "chosen")}
     assert {name: row["cases"] for name, row in halves.items() if 0 <= row["held"] <= 7} == judged
-    assert "| WIDER = 0.75 | p_CF |" in (small / "out/study.md").read_text()
+    assert "| WIDER = 1.5 | p_CF |" in (small / "out/study.md").read_text()
 
 
 def test_a_half_is_judged_by_what_the_rest_chooses():
-    trial = {value: study_of_constants.Trial("p_CF", (("WIDER", value),), 1, ()) for value in (0.75, 3.0)}
+    trial = {value: study_of_constants.Trial("p_CF", (("WIDER", value),), 1, ()) for value in (1.5, 6.0)}
 
     def gain(simulated, one, other, error=0.1):
         values = dict(zip((study_of_constants.SIMULATION, *study_of_constants.HALVES), (simulated, one, other), strict=True))
         return values | {f"{part} error": error for part in values}
 
-    gains = {trial[0.75]: gain(0.1, 5.0, 0.3), trial[3.0]: gain(0.2, -9.0, 0.0)}
+    gains = {trial[1.5]: gain(0.1, 5.0, 0.3), trial[6.0]: gain(0.2, -9.0, 0.0)}
     for half in study_of_constants.HALVES:
-        assert study_of_constants._chosen(gains, half) == (("WIDER", 0.75),)  # by the other half
-    assert study_of_constants._chosen({trial[3.0]: gain(0.1, 0.1, 9.0)}, half) == ()  # not clearly better
+        assert study_of_constants._chosen(gains, half) == (("WIDER", 1.5),)  # by the other half
+    assert study_of_constants._chosen({trial[6.0]: gain(0.1, 0.1, 9.0)}, half) == ()  # not clearly better
 
 
 def test_constants_have_other_values_only_meanwhile():
+    used = constants.WIDER
     with contextlib.suppress(ZeroDivisionError), study_of_constants.set_to((("WIDER", 9.0),)):
         assert (mode.WIDER, constants.WIDER) == (9.0, 9.0)
         raise ZeroDivisionError
-    assert mode.WIDER == constants.WIDER == 1.5
+    assert mode.WIDER == constants.WIDER == used != 9.0
 
 
 def test_every_constant_has_a_topic():

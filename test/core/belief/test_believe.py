@@ -1,5 +1,6 @@
 """What is believed after simulated pushes: that it holds the truth, and that no input is too poor or too wild for it."""
 
+import itertools
 import math
 from dataclasses import replace
 from functools import cache
@@ -16,6 +17,7 @@ from pushfric_core.estimation.push_plan import PlannedPush, even_pushes
 from pushfric_core.geometry.planar import velocity_at
 from pushfric_core.mechanics import simulation
 from pushfric_core.mechanics.prediction import ELLIPSE, Kind
+from pushfric_core.mechanics.quasi_static import ContactMode
 
 FEET = four_feet()
 POINTS, OBJECTS = FEET.truth.points, objects() | shapes()
@@ -106,6 +108,22 @@ def test_new_motions_are_off_by_less_than_the_misfit_as_often_as_it_says():
         found = predict(belief, *([getattr(one, name) for one in new] for name in names))
         held += (belief.angles(found.twists, [one.twist for one in new]) <= belief.misfit).tolist()
     assert np.mean(held) > 0.85
+
+
+def test_motions_with_a_tip_that_slides_are_foretold_with_a_misfit_of_their_own():
+    held = {ContactMode.STICKING: [], ContactMode.SLIDING: []}
+    for name, seed in itertools.product(("unequal_feet", "five_feet", "ring"), (1, 3)):
+        studied, data = seen(name, "FEET", seed, 0.5)
+        slips = [np.hypot(*np.subtract(one.tip_velocity, velocity_at(one.twist, one.contact_point))) for one in data]
+        data = [noisy([one], 0.3 if slip > 2e-3 else 0.1, k)[0] for k, (one, slip) in enumerate(zip(data, slips, strict=True))]
+        belief = believe(studied.support_points, [one for one in data if one.push_id % 2])
+        new = [one for one in data if not one.push_id % 2]
+        parts = ("contact_point", "contact_normal", "tip_velocity")
+        found = predict(belief, *([getattr(one, part) for one in new] for part in parts))
+        angles = belief.angles(found.twists, [one.twist for one in new])
+        for mode, angle, spread in zip(found.modes, angles, found.spread, strict=True):
+            held[mode].append(angle <= spread)
+    assert all(0.86 <= np.mean(ones) <= 0.98 for ones in held.values())
 
 
 STICKING = with_tip(FEET.observations)

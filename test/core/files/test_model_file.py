@@ -75,7 +75,7 @@ def test_all_that_a_data_point_brings_is_kept(tmp_path):
     ("change", "expected"),
     [
         ({"w": [1.0]}, "expected w of 21 weights with sum 1, got 1"),
-        ({"format": 1}, "expected a model of format 2, got format 1"),
+        ({"format": 1}, "expected a model of format 3, got format 1"),
         (
             {"object": ObjectFile(name="x", outline=FILE.outline).model_dump(mode="json")},
             "expected the support of the object as",

@@ -168,9 +168,9 @@ def test_a_model_keeps_its_verdict_and_has_the_mode_of_the_umask(model_file):
 
 def test_a_model_of_another_version_is_refused_and_one_without_is_of_this(model_file):
     content = yaml.safe_load(model_file.read_text())
-    assert content.pop("format") == 2
+    assert content.pop("format") == 3
     model_file.write_text(yaml.safe_dump(content))
-    assert load_model(model_file)[0].format == 2
-    model_file.write_text(yaml.safe_dump({**content, "format": 3, "news": 1}))
-    with pytest.raises(InvalidInput, match=r"model.yaml: expected a model of format 2, got format 3"):
+    assert load_model(model_file)[0].format == 3
+    model_file.write_text(yaml.safe_dump({**content, "format": 4, "news": 1}))
+    with pytest.raises(InvalidInput, match=r"model.yaml: expected a model of format 3, got format 4"):
         load_model(model_file)

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,12 +22,16 @@ def test_a_push_through_the_center_translates_without_a_doubt():
 
 
 def test_what_the_model_cannot_explain_widens_the_spread():
-    known = FrictionModel.of(ROD, 0.3, misfit=0.1)
+    known = replace(FrictionModel.of(ROD, 0.3), misfit=0.1, sliding_misfit=0.2)
     prediction = predict(known, ((0, 0), (0, 0)), ((0, -1), (0, -1)), ((0, 0.02), (0, -0.02)))
     assert prediction.spread == pytest.approx((math.atan(0.1), 0.0))  # nothing is unsure of a tip that leaves
     variance = (0.1 * 0.02) ** 2 / ELLIPSOID
     assert prediction.covariance[0] == pytest.approx(variance * np.diag((1, 1, 1 / known.length**2)))
     assert not prediction.covariance[1].any()
+    across = predict(known, *BELOW, ((0.04, 0.02),))
+    assert across.modes == (ContactMode.SLIDING,)
+    size = np.linalg.norm(known.centered(across.twists[0]))
+    assert across.spread == pytest.approx(math.atan(0.2 * math.hypot(0.04, 0.02) / size))
 
 
 def test_errors_are_about_the_centre_of_friction_in_any_frame():
@@ -49,6 +54,7 @@ def test_errors_are_about_the_centre_of_friction_in_any_frame():
         ({"w": ((0.5, 0.4),)}, "the sum of each sample 1"),
         ({"share": (0.5,)}, "share must have shape"),
         ({"misfit": -0.1}, "misfit must be finite"),
+        ({"sliding_misfit": math.inf}, "sliding_misfit must be finite"),
     ],
 )
 def test_models_that_make_no_sense_are_refused(wrong, text):

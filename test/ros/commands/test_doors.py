@@ -397,8 +397,8 @@ def replayed(ros, bag, friction, folder):
     assert [list(answer.result().twists)] == expected.twists.tolist()
     assert list(answer.result().covariances) == expected.covariance.ravel().tolist()
     samples, model = np.array(last[FrictionModel].w).reshape(-1, len(friction.support.weights)), last[FrictionModel]
-    assert [samples.tolist(), list(model.mu_c), list(model.weights), model.misfit] == [
-        *(friction.w.tolist(), friction.mu_c.tolist(), friction.share.tolist(), friction.misfit)
+    assert [samples.tolist(), list(model.mu_c), list(model.weights), model.misfit, model.sliding_misfit] == [
+        *(friction.w.tolist(), friction.mu_c.tolist(), friction.share.tolist(), friction.misfit, friction.sliding_misfit)
     ]
     return [plain(report_from_msg(last[FrictionEstimate]).to_dict()), json.loads(line)]
 

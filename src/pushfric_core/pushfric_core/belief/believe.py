@@ -23,11 +23,12 @@ from pushfric_core.belief.fit import (
     sizes_off,
     solved,
 )
-from pushfric_core.belief.linearisation import errors_per_way
+from pushfric_core.belief.linearisation import errors_per_way, predicted
 from pushfric_core.belief.mode import PosteriorMode, finding
 from pushfric_core.belief.stretches import size_of, steps_of
 from pushfric_core.geometry.planar import Array, as_array
 from pushfric_core.mechanics.prediction import SHARE, FrictionModel, Kind
+from pushfric_core.mechanics.quasi_static import SLIDING
 from pushfric_core.steps import finished
 from pushfric_core.trajectories.observation import Observation
 
@@ -176,17 +177,21 @@ def _corrected(places: Array, wanted: Array, to_center: Array) -> Array:
     return np.asarray(change @ solved(square + 1e-9 * np.trace(square) * np.eye(2) + 1e-30 * np.eye(2), to_center))
 
 
-def _misfits(mode: PosteriorMode, mu_c: float) -> tuple[float, float]:
-    """`misfit` and `stroke_misfit` of a `FrictionModel`: by the steps, and the whole stretches, that were fitted."""
+def _misfits(mode: PosteriorMode, mu_c: float) -> tuple[float, float, float]:
+    """The misfits of a `FrictionModel`, in its order: by the steps, and the whole stretches, that were fitted.
+
+    Where the tip slides, more is off, as mu_c may differ from push to push.
+    """
     problem, found = mode.problem, mode.fit
     fitted, steps = found.fitted, float(problem.freedom[problem.data.stretch].sum())
-    of_steps = _reached(errors_per_way(problem.place, problem.data, mode.w, mu_c))
+    foretold = predicted(problem.place, problem.data, mode.w, mu_c)
+    of_steps, slides = errors_per_way(problem.place, problem.data, foretold), foretold.modes == SLIDING
+    enlarged = math.sqrt(steps / max(steps - fitted, steps / 4))
+    sticking, sliding = (enlarged * _reached(of_steps[some] if some.any() else of_steps) for some in (~slides, slides))
     of_stretches = _reached(sizes_off(problem, found) / problem.data.lengths)
     few = _few(len(np.unique(problem.data.push)))
-    return (
-        of_steps * math.sqrt(steps / max(steps - fitted, steps / 4)),
-        of_stretches * math.sqrt(few * problem.left(0.0) / problem.left(fitted)),
-    )
+    of_strokes = of_stretches * math.sqrt(few * problem.left(0.0) / problem.left(fitted))
+    return sticking, max(sticking, sliding), of_strokes
 
 
 def _reached(values: Array) -> float:

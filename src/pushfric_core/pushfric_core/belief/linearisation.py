@@ -41,9 +41,9 @@ def errors(place: Place, data: Stretches, foretold: Motions) -> Array:
     return _summed(data, _off(place, data, foretold.twists))
 
 
-def errors_per_way(place: Place, data: Stretches, w: Array, mu_c: float) -> Array:
-    """How far the predicted motion of each step (r,) is off, as a share of the tip's way."""
-    off = np.linalg.norm(_off(place, data, predicted(place, data, w, mu_c).twists), axis=1)
+def errors_per_way(place: Place, data: Stretches, foretold: Motions) -> Array:
+    """How far the motion that was foretold of each step (r,) is off, as a share of the tip's way."""
+    off = np.linalg.norm(_off(place, data, foretold.twists), axis=1)
     return np.asarray(off / np.maximum(np.linalg.norm(data.ways, axis=1), TINY))
 
 

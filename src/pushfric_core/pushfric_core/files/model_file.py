@@ -27,7 +27,7 @@ from pushfric_core.wording import data_of, shortened
 SUFFIXES = (".yaml", ".yml")
 
 DUMPER: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # the first writes the same, in a third of the time
-FORMAT = 2
+FORMAT = 3
 VERSIONED = ("pushfric_core", "numpy", "scipy")
 """Packages whose versions a model names."""
 
@@ -83,6 +83,7 @@ class BeliefFile(Strict):
     w: Annotated[list[Share], pydantic.Field(min_length=1)]  # the mean
     mu_c: ContactFrictionFile | None = None  # None: nothing was measured
     misfit: Positive  # see pushfric_core.FrictionModel
+    sliding_misfit: Positive
     stroke_misfit: Positive
     samples: Annotated[tuple[SampleFile, ...], pydantic.Field(min_length=1)]  # what predictions use
 
@@ -151,9 +152,8 @@ class ModelFile(Strict):
         covariance = None if belief.covariance is None else np.array(belief.covariance)
         kind = None if belief.mu_c is None else Kind(belief.mu_c.kind)
         w, mu_c, share = (np.array([getattr(sample, name) for sample in belief.samples]) for name in ("w", "mu_c", "weight"))
-        return FrictionModel(
-            points, w, mu_c, share, belief.misfit, belief.stroke_misfit, covariance, kind, self.made.data_points
-        )
+        misfits = belief.misfit, belief.sliding_misfit, belief.stroke_misfit
+        return FrictionModel(points, w, mu_c, share, *misfits, covariance, kind, self.made.data_points)
 
     @property
     def rests_on(self) -> str:

@@ -32,6 +32,7 @@ def json(body: ExportedBody) -> dict[str, str]:
         "w": friction.support.weights.tolist(),
         "center_of_friction": friction.center_of_friction.tolist(),
         "misfit": friction.misfit,
+        "sliding_misfit": friction.sliding_misfit,
         "stroke_misfit": friction.stroke_misfit,
         "samples": friction.samples,
         "feet": {

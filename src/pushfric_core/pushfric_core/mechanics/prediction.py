@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import Annotated, Any, NamedTuple
@@ -67,6 +67,7 @@ class FrictionModel:
         share: (s,) weights of the samples, sum 1.
         misfit: 90 % of new observations are off by less than this share of the tip's way, apart from what the samples differ
             in: a motion as (v at p_CF, length * omega).
+        sliding_misfit: the same where the tip slides.
         stroke_misfit: the same of whole strokes, in which the noise of observations cancels.
         covariance: (2, 2) of p_CF about the truth [m^2]; None: the pushes do not show it, or nothing was learned from pushes.
         kind: what mu_c rests on; None: it is given.
@@ -87,6 +88,7 @@ class FrictionModel:
     mu_c: Array
     share: Annotated[Array, FieldPlace("weights")]
     misfit: float = 0.0
+    sliding_misfit: float = 0.0
     stroke_misfit: float = 0.0
     covariance: Array | None = None
     kind: Annotated[Kind | None, FieldPlace("")] = None
@@ -99,7 +101,7 @@ class FrictionModel:
         share = frozen(self.share)
         if share.shape != (len(w),) or not (share >= 0).all() or not abs(share.sum() - 1) < SUM:
             raise ValueError(f"share must have shape ({len(w)},), nonnegative with sum 1, got {share.tolist()}")
-        for name in ("misfit", "stroke_misfit"):
+        for name in ("misfit", "sliding_misfit", "stroke_misfit"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {getattr(self, name)}")
         for name, array in (("support_points", points), ("w", w), ("mu_c", mu_c), ("share", share)):
@@ -113,9 +115,9 @@ class FrictionModel:
         return f"<FrictionModel: p_CF ({x:.2f}, {y:.2f}) mm, mu_c {self.mean_mu_c:.3f}, {samples}>"
 
     @classmethod
-    def of(cls, support: Support, mu_c: float, misfit: float = 0.0, stroke_misfit: float = 0.0) -> FrictionModel:
-        """The model of a single sample."""
-        return cls(support.points, support.weights[None], np.array((mu_c,)), np.ones(1), misfit, stroke_misfit)
+    def of(cls, support: Support, mu_c: float) -> FrictionModel:
+        """The model of a single sample, without a misfit."""
+        return cls(support.points, support.weights[None], np.array((mu_c,)), np.ones(1))
 
     @cached_property
     def support(self) -> Support:
@@ -133,13 +135,16 @@ class FrictionModel:
             raise ValueError(f"count must be at least 1, got {count}")
         levels = (np.arange(count) + 0.5) / count
         rows = np.minimum(np.searchsorted(np.cumsum(self.share), levels), len(self.w) - 1)
-        misfits = self.misfit, self.stroke_misfit
-        return [FrictionModel(self.support_points, self.w[[k]], self.mu_c[[k]], np.ones(1), *misfits) for k in rows]
+        return [self._with(self.w[k], float(self.mu_c[k])) for k in rows]
 
     @cached_property
     def mean(self) -> FrictionModel:
         """The model of a single sample: the mean friction."""
-        return FrictionModel.of(self.support, self.mean_mu_c, self.misfit, self.stroke_misfit)
+        return self._with(self.support.weights, self.mean_mu_c)
+
+    def _with(self, w: Array, mu_c: float) -> FrictionModel:
+        """The same with a single sample."""
+        return replace(self, w=w[None], mu_c=np.array((mu_c,)), share=np.ones(1), covariance=None, kind=None, data_points=0)
 
     @property
     def with_mean(self) -> tuple[Array, Array]:
@@ -264,10 +269,15 @@ def predict(
     count = len(model.w)
     samples = Motions(moved.twists[:, :count], moved.modes[:, :count], moved.forces[:, :count])
     moves = modes != quasi_static.FREE
-    off = np.where(moves, model.misfit * np.linalg.norm(as_array(tip_velocities), axis=-1), 0.0)
+    off = np.where(moves, _misfits(model, modes) * np.linalg.norm(as_array(tip_velocities), axis=-1), 0.0)
     spread = np.where(moves, _spread(model, samples.twists, twists, off), 0.0)
     covariance = scattered(samples.twists, twists, model.share) + of_misfit(model, off)
     return Predictions(twists, tuple(MODES[mode] for mode in modes), forces, spread, samples, covariance)
+
+
+def _misfits(model: FrictionModel, modes: npt.NDArray[np.int8]) -> Array:
+    """The misfit of each mode (k,)."""
+    return np.asarray(np.where(modes == quasi_static.SLIDING, model.sliding_misfit, model.misfit))
 
 
 def _spread(model: FrictionModel, samples: Array, twists: Array, off: Array) -> Array:
@@ -395,16 +405,17 @@ class Foretold(NamedTuple):
 
 
 def foretold(model: FrictionModel, observations: Sequence[Observation]) -> Foretold:
-    """Compare m >= 1 observations with what the mean friction foretells, as `predicted_twists` does."""
+    """Compare m >= 1 observations with what the mean friction foretells, as `predicted_motions` does."""
     measured = np.array([observation.twist for observation in observations])
-    twists = predicted_twists(model.mean, observations)[:, 0]
+    moved = predicted_motions(model.mean, observations)
+    twists = moved.twists[:, 0]
     speeds = [math.hypot(*(one.tip_velocity or velocity_at(one.twist, one.contact_point))) for one in observations]
-    spreads = _spread(model, predicted_twists(model, observations), twists, model.misfit * np.array(speeds))
-    return Foretold(model.angles(twists, measured), spreads)
+    off = _misfits(model, moved.modes[:, 0]) * np.array(speeds)
+    return Foretold(model.angles(twists, measured), _spread(model, predicted_motions(model, observations).twists, twists, off))
 
 
-def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) -> Array:
-    """Twists (m, s, 3) that the samples of a model predict for m >= 1 observations, object frame [m/s, rad/s].
+def predicted_motions(model: FrictionModel, observations: Sequence[Observation]) -> Motions:
+    """Motions (m, s) that the samples of a model predict for m >= 1 observations, object frame [m/s, rad/s].
 
     Where the tip's velocity is known, it is the tip that pushes; else, or where the tip was seen to leave, the contact moves as
     it was measured to, so that mu_c does not matter. If that moves away from the pusher, the object stays at rest.
@@ -418,12 +429,13 @@ def predicted_twists(model: FrictionModel, observations: Sequence[Observation]) 
     velocities = measured[:, :2] + measured[:, 2:] * left_of(points)
     tips = np.array([observation.tip_velocity or (0.0, 0.0) for observation in observations])
     pushed = np.sum(tips * normals, axis=1) < 0
-    twists = np.empty((len(points), len(model.w), 3))
-    for rows, moving, mu_c in ((pushed, tips, model.mu_c), (~pushed, velocities, np.full(len(model.w), STICKING))):
-        if rows.any():
-            seen = quasi_static.motions(model.support_points, model.w, mu_c, points[rows], normals[rows], moving[rows])
-            twists[rows] = seen.twists
-    return twists
+    count = len(model.w)
+    samples = np.arange(count) + np.where(pushed, 0, count)[:, None]
+    moving = np.where(pushed[:, None], tips, velocities)
+    points, normals, moving = (np.repeat(part, count, axis=0) for part in (points, normals, moving))
+    w, mu_c = np.vstack((model.w, model.w)), np.append(model.mu_c, np.full(count, STICKING))
+    moved = quasi_static.motions_of_rows(model.support_points, w, mu_c, samples.ravel(), points, normals, moving)
+    return moved.of_samples(count)
 
 
 def _quantile(values: Array, share: Array, level: float) -> Array:

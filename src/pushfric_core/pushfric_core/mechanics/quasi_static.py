@@ -56,6 +56,11 @@ class Motions(NamedTuple):
     modes: npt.NDArray[np.int8]  # (k, s) indices of MODES
     forces: Array  # (k, s, 2) of the pusher ON the object; unit: the support friction of the translating object
 
+    def of_samples(self, count: int) -> "Motions":
+        """The same of k pushes and so many samples, from k * count rows."""
+        shape = -1, count
+        return Motions(self.twists.reshape(*shape, 3), self.modes.reshape(shape), self.forces.reshape(*shape, 2))
+
 
 def motions(
     support_points: npt.ArrayLike,
@@ -84,9 +89,7 @@ def motions(
     contacts, normals, velocities = _rows(len(mu_c), contact_points, contact_normals, tip_velocities)
     count = len(contacts) // len(mu_c)
     samples = np.tile(np.arange(len(mu_c)), count)
-    moved = motions_of_rows(points, weights, mu_c, samples, contacts, normals, velocities)
-    shape = (count, len(mu_c))
-    return Motions(moved.twists.reshape(*shape, 3), moved.modes.reshape(shape), moved.forces.reshape(*shape, 2))
+    return motions_of_rows(points, weights, mu_c, samples, contacts, normals, velocities).of_samples(len(mu_c))
 
 
 def motions_of_rows(

@@ -36,7 +36,7 @@ Line = dict[str, Any]
 """Keys of an input's result: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json`, `doubts` and
 `model`; at last `checksum`."""
 
-FORMAT = 2
+FORMAT = 3
 """Lines of another format are made again."""
 
 

@@ -44,7 +44,7 @@ from pushfric_core.estimation.estimate_report import BIN_WIDTH, BoundsReport, Es
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.prediction import STICKING, FrictionModel, predicted_twists
+from pushfric_core.mechanics.prediction import STICKING, FrictionModel, predicted_motions
 from pushfric_core.pushers.pusher import PusherFault
 from pushfric_core.records import to_json
 from pushfric_core.trajectories.observation import Observation
@@ -225,7 +225,7 @@ class Story:
         if model is None:
             return None, None
         try:
-            twist = predicted_twists(model, [observation])[0]
+            twist = predicted_motions(model, [observation]).twists[0]
         except PushfricError:  # no motion follows from this contact
             return None, None
         return _rounded(twist[0].tolist()), _rounded(math.degrees(model.angles(twist[0], observation.twist)))
