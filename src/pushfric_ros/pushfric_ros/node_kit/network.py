@@ -8,10 +8,9 @@ Processes that start together find each other at once: Fast DDS alone lets them 
 
 Only processes that send or take images use shared memory; all others talk by UDP alone. With shared memory, a process on a busy
 machine may be taken for dead and its port replaced, by any process that starts in any domain, and then it hears nothing more,
-without an error (eProsima/Fast-DDS#6117, #5737). Images are too large for the buffers of sockets. They are
-passed through a segment of the sender's shared memory. Fast DDS's own half MiB is too small for one 640 x 480 colour image, so
-at camera rate most of such images are lost without an error; here, it has more. A camera driver can use `fastdds_images.xml`,
-too.
+without an error (eProsima/Fast-DDS#6117, #5737). Images are too large for the buffers of sockets. They are passed through a
+segment of the sender's shared memory. Fast DDS's own half MiB is too small for one 640 x 480 colour image, so at camera rate
+most of such images are lost without an error; here, it has more. A camera driver can use `fastdds_images.xml`, too.
 """
 
 import contextlib
