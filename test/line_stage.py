@@ -25,8 +25,8 @@ class LineStage:
     """A controller that goes on running whoever connects and leaves, behind a line that can fail."""
 
     dialect: type[Dialect]
-    patience: ClassVar[dict[str, Any]] = {"silence": 2.0}
-    """Settings for a busy machine."""
+    patience: ClassVar[dict[str, Any]] = {"silence": 10.0}
+    """Settings for a busy machine, on which a pseudo-terminal may deliver nothing for 2 s."""
 
     def __init__(self, controller: Any, line: FaultyLine) -> None:
         self.controller, self.line = controller, line

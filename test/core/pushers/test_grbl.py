@@ -24,7 +24,7 @@ JOG = b"\x90$J=G21G90X1.500F1200.000\n"
 """A stroke so short that `begin_move` sends it as one piece."""
 ASKED, ASKED_AGAIN = b"$I\n$$\n$$\n$#\n$G\n", b"$#\n$G\n"
 """What a driver asks when it connects, and after a reset."""
-PATIENT = {"silence": 2.0}
+PATIENT = {"silence": 10.0}
 """Silence allowed on a busy machine, in tests that are not about silence."""
 
 
@@ -683,7 +683,7 @@ def test_a_reset_that_was_dropped_is_sent_again(peer):
 
 def test_a_stop_that_is_not_answered_leaves_the_port(peer, monkeypatch):
     monkeypatch.setattr("pushfric_core.pushers.grbl.RESET_PATIENCE", 0.1)
-    pusher = connect(peer)
+    pusher = connect(peer, silence=2.0)
     begin_move(pusher, peer)
     peer.heard, peer.status = b"", ""
     pusher.stop()

@@ -296,6 +296,7 @@ def test_a_host_that_is_stopped_leaves_a_pusher_that_rests(stage):
 
 def test_a_line_that_is_cut_leaves_a_pusher_that_rests(stage, monkeypatch):
     monkeypatch.setattr("pushfric_core.pushers.grbl.RESET_PATIENCE", 0.5)
+    stage.patience = {"silence": 2.0}  # it is waited for
     pusher = under_way(stage)
     stage.line.to_controller = nothing
     begin = stage.controller.position()
@@ -306,6 +307,7 @@ def test_a_line_that_is_cut_leaves_a_pusher_that_rests(stage, monkeypatch):
 def test_a_controller_that_restarts_while_its_cable_is_cut_is_not_believed(stage, monkeypatch):
     """Its greeting is lost, and its reports begin again while the driver still waits for an answer to its own reset."""
     monkeypatch.setattr("pushfric_core.pushers.grbl.RESET_PATIENCE", 1.0)
+    stage.patience = {"silence": 2.0}  # it is waited for
     pusher = under_way(stage, silence=0.5)
     stage.line.to_controller = stage.line.to_host = nothing
     with pytest.raises(Timeout):
@@ -510,7 +512,7 @@ def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving)
 def test_the_first_work_offset_is_confirmed_by_its_parts(stage, often):
     wrong = b"WCO:-9.000"
     stage.line.to_host = (lambda data: data.replace(b"WCO:0.000", wrong)) if often else once(b"WCO:0.000", wrong)
-    pusher = SerialPusher(SerialSettings(stage.line.port, silence=2.0), Grbl())
+    pusher = SerialPusher(SerialSettings(stage.line.port, **stage.patience), Grbl())
     pusher.connect()
     stage.drive(pusher, lambda: not pusher.busy)
     assert pusher.axis.last.position == 0.0
