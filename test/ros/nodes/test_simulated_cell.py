@@ -7,12 +7,14 @@ import types
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Vector3
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
+from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import pose_to_msg
 from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
@@ -69,6 +71,31 @@ def test_the_clock_does_not_run_ahead_of_the_reports_of_a_moving_pusher(ros, tmp
         assert steps(100) == 100
     finally:
         node.destroy_node()
+
+
+def test_no_frame_shows_what_a_real_pusher_has_not_reported_yet(ros, parameters):
+    """On a busy machine, a report that comes late must not look like an object that stays behind its pusher."""
+    node = ros.compose(simulated_cell.SimulatedCellNode(parameter_overrides=overrides(parameters | {"port_link": ""})))
+    other = ros.node("other")
+    shown: list[int] = []
+    other.create_subscription(Image, "image_raw", lambda msg: shown.append(stamp_from_msg(msg.header.stamp)), SENSOR_DATA)
+    reports = other.create_publisher(PusherState, "pusher_state", RELIABLE)
+    ros.wait_for(reports.get_subscription_count, what="the cell's subscription")
+    ros.wait_for(lambda: len(shown) > 2, what="frames without a report")
+
+    def report(position: float) -> int:
+        msg = PusherState(position=position, tip_radius=0.003, direction=Vector3(y=1.0), push_id=PusherState.NO_PUSH)
+        msg.header.stamp = other.get_clock().now().to_msg()
+        reports.publish(msg)
+        return stamp_from_msg(msg.header.stamp)
+
+    for position in (0.01, 0.02):
+        last = report(position)
+        ros.wait_for(lambda last=last: last in shown, what="the moment of the report")
+        begin = node._elapsed
+        ros.wait_for(lambda begin=begin: node._elapsed > begin + 0.5, what="many frames' time")
+        assert max(shown) == last
+    assert shown == sorted(shown)
 
 
 def test_the_object_is_never_laid_right_by_chance(ros, parameters):

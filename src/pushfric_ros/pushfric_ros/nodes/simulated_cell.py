@@ -111,6 +111,7 @@ class SimulatedCellNode(Node):
         self.create_subscription(String, "switch", self._on_switch, RELIABLE)
         self._controller: SerialController | None = None
         self._reports: deque[tuple[int, float]] = deque(maxlen=REPORTS)  # (when [ns], where [m]) of a real pusher
+        self._shown = 0  # the time that the last frame of its world shows [ns]
         self._wall_start = self._stepped = time.monotonic()
         if place.port_link:
             self._clock_out = topics.advertise(ClockMsg, "/clock", RELIABLE)
@@ -162,21 +163,18 @@ class SimulatedCellNode(Node):
             self._publish_frame(stamp)
 
     def _follow(self) -> None:
-        """With a real controller, in real time: publish a frame of what was there a moment ago."""
+        """With a real controller, in real time: publish a frame of what was there a moment ago, as far as that is reported."""
         then = self.get_clock().now().nanoseconds - round(LAG * 1e9)
         self._elapsed = time.monotonic() - self._wall_start
         self._operate()
-        if (position := self._reported(then)) is not None:
-            self._push(position)
-        self._publish_frame(stamp_to_msg(then))
-
-    def _reported(self, then: int) -> float | None:
-        """Where the tip was [m], from the actuator's reports before and after; None if nothing has been reported yet."""
-        if not self._reports:
-            return None
-        stamps, positions = zip(*self._reports, strict=True)
-        first = stamps[0]  # differences of stamps are exact as floats, stamps are not
-        return float(np.interp(then - first, [stamp - first for stamp in stamps], positions))
+        if self._reports:
+            stamps, positions = zip(*self._reports, strict=True)
+            then = min(then, stamps[-1])  # reports of a busy machine are late
+            first = stamps[0]  # differences of stamps are exact as floats, stamps are not
+            self._push(float(np.interp(then - first, [stamp - first for stamp in stamps], positions)))
+        if then > self._shown:
+            self._shown = then
+            self._publish_frame(stamp_to_msg(then))
 
     def _on_pusher_state(self, msg: PusherState) -> None:
         try:
