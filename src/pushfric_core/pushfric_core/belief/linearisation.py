@@ -126,10 +126,9 @@ def linearised(place: Place, data: Stretches, w: Array, foretold: Motions) -> Li
 
 def predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> Motions:
     """The motions that w (n,) and mu_c foretell for r steps: twists (r, 3), modes (r,) and forces (r, 2)."""
-    mu_cs, both = np.array((mu_c, STICKING)), np.stack((w, w))
-    return quasi_static.motions_of_rows(
-        place.points, both, mu_cs, data.sticks.astype(np.int64), data.contacts, data.normals, data.ways, lenient=True
-    )
+    mu_cs, samples = np.where(data.sticks, STICKING, mu_c), np.zeros(len(data.sticks), np.int64)
+    rows = data.contacts, data.normals, data.ways
+    return quasi_static.motions_of_rows(place.points, w[None], mu_cs, samples, *rows, lenient=True)
 
 
 def _off(place: Place, data: Stretches, twists: Array) -> Array:

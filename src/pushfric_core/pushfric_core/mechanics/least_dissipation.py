@@ -202,7 +202,7 @@ def push_each(
 
     Args:
         contact: knows the supports.
-        mu_c: (s,).
+        mu_c: (r,).
         samples: (r,) of the friction.
         points: (r, 2) of the contacts.
         normals: (r, 2).
@@ -228,10 +228,10 @@ def push_each(
         forces[r, 0] = contact.along * contact.x - contact.by_slip * contact.y
         forces[r, 1] = contact.along * contact.y + contact.by_slip * contact.x
         pressure, shear = -forces[r, 0] * normal_x - forces[r, 1] * normal_y, forces[r, 1] * normal_x - forces[r, 0] * normal_y
-        if abs(shear) > mu_c[sample] * pressure:
+        if abs(shear) > mu_c[r] * pressure:
             # sticking would need a force outside the friction cone: the object moves as on the cone's edge on that side
             modes[r] = SLIDING
-            if not slide_along(contact, sample, x, y, normal_x, normal_y, math.copysign(mu_c[sample], shear), steps):
+            if not slide_along(contact, sample, x, y, normal_x, normal_y, math.copysign(mu_c[r], shear), steps):
                 outcome, modes[r] = ENDLESS, FREE
                 continue
             forces[r, 0] = contact.along * contact.x - contact.by_slip * contact.y
@@ -255,7 +255,7 @@ def cone_each(contact: Contact, mu_c: Array, samples: Indices, points: Array, no
     """
     for r in range(len(samples)):
         for side in range(2):
-            edge = mu_c[samples[r]] if side else -mu_c[samples[r]]
+            edge = mu_c[r] if side else -mu_c[r]
             if not slide_along(contact, samples[r], points[r, 0], points[r, 1], normals[r, 0], normals[r, 1], edge, steps):
                 return ENDLESS
             speed = math.sqrt(1 + contact.slip * contact.slip)

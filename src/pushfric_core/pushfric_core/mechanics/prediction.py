@@ -430,11 +430,11 @@ def predicted_motions(model: FrictionModel, observations: Sequence[Observation])
     tips = np.array([observation.tip_velocity or (0.0, 0.0) for observation in observations])
     pushed = np.sum(tips * normals, axis=1) < 0
     count = len(model.w)
-    samples = np.arange(count) + np.where(pushed, 0, count)[:, None]
+    mu_c = np.where(pushed[:, None], model.mu_c, STICKING)
     moving = np.where(pushed[:, None], tips, velocities)
     points, normals, moving = (np.repeat(part, count, axis=0) for part in (points, normals, moving))
-    w, mu_c = np.vstack((model.w, model.w)), np.append(model.mu_c, np.full(count, STICKING))
-    moved = quasi_static.motions_of_rows(model.support_points, w, mu_c, samples.ravel(), points, normals, moving)
+    samples = np.tile(np.arange(count), len(mu_c))
+    moved = quasi_static.motions_of_rows(model.support_points, model.w, mu_c.ravel(), samples, points, normals, moving)
     return moved.of_samples(count)
 
 

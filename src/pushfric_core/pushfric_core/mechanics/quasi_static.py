@@ -88,8 +88,8 @@ def motions(
     points, weights, mu_c = _samples(support_points, weights, mu_c)
     contacts, normals, velocities = _rows(len(mu_c), contact_points, contact_normals, tip_velocities)
     count = len(contacts) // len(mu_c)
-    samples = np.tile(np.arange(len(mu_c)), count)
-    return motions_of_rows(points, weights, mu_c, samples, contacts, normals, velocities).of_samples(len(mu_c))
+    samples, mu_cs = np.tile(np.arange(len(mu_c)), count), np.tile(mu_c, count)
+    return motions_of_rows(points, weights, mu_cs, samples, contacts, normals, velocities).of_samples(len(mu_c))
 
 
 def motions_of_rows(
@@ -102,13 +102,13 @@ def motions_of_rows(
     velocities: Array,
     lenient: bool = False,
 ) -> Motions:
-    """As `motions`, for r pushes with a sample each; the arguments are not checked.
+    """As `motions`, for r pushes with a sample and a mu_c each; the arguments are not checked.
 
     Args:
         points: (n, 2).
         weights: (s, n).
-        mu_c: (s,).
-        samples: (r,) rows of weights and mu_c.
+        mu_c: (r,).
+        samples: (r,) rows of weights.
         contacts: (r, 2).
         normals: (r, 2).
         velocities: (r, 2).
@@ -143,10 +143,10 @@ def motion_cones(
     points, weights, mu_c = _samples(support_points, weights, mu_c)
     contacts, normals = _rows(len(mu_c), contact_points, contact_normals)
     count = len(contacts) // len(mu_c)
-    samples = np.tile(np.arange(len(mu_c)), count)
+    samples, mu_cs = np.tile(np.arange(len(mu_c)), count), np.tile(mu_c, count)
     cones = np.empty((len(contacts), 2, 3))
     contact = least_dissipation.Contact(points, weights)
-    _check(least_dissipation.cone_each(contact, mu_c, samples, contacts, normals, ITERATIONS, cones))
+    _check(least_dissipation.cone_each(contact, mu_cs, samples, contacts, normals, ITERATIONS, cones))
     return cones.reshape(count, len(mu_c), 2, 3)
 
 

@@ -169,7 +169,7 @@ class _Motion:
         twists[met], modes[met] = quasi_static.motions_of_rows(
             support_points,
             w,
-            mu_c,
+            mu_c[self._samples[met]],
             self._samples[met],
             touches.points[met],
             touches.normals[met],
