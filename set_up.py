@@ -70,6 +70,12 @@ BUILT_FROM = (
 # commands that need more than the packages: the requirements.txt in the folder of that name, and those that it includes
 EXTRAS = ("test", "bench", "docs")
 
+# What of WARM_UP can be loaded while the messages are still built, by a processor that has nothing else to do.
+LIBRARIES = "import pushfric_core.commands.estimate, pushfric_core.page.figure, rclpy.node, scipy.special"
+BESIDE = (
+    'PYTHONPATH="src/pushfric_core${PYTHONPATH:+:$PYTHONPATH}" nice -n 19 python3 -c "$0" & "$@"; code=$?; wait; exit $code'
+)
+
 # Imports everything that the nodes and the command line load, so that Python keeps the bytecode, and no two processes make it
 # at the same time.
 WARM_UP = """
@@ -77,13 +83,13 @@ import importlib, pkgutil
 import pushfric_ros.nodes
 for module in pkgutil.iter_modules(pushfric_ros.nodes.__path__, "pushfric_ros.nodes."):
     importlib.import_module(module.name)
-import pushfric_ros.commands.demo, pushfric_core.commands.estimate, pushfric_core.page.figure, scipy.special
+import pushfric_ros.commands.demo
 from pushfric_ros.graph.fork_server import PRELOADED, preload
 preload(PRELOADED)
 """
 
 # Without rclcpp, as in the environment made here, all nodes are in Python. What is compiled then only copies messages.
-PYTHON_ONLY = ["-DPYTHON_ONLY=ON", "-DCMAKE_C_FLAGS_RELEASE=-O1", "-DCMAKE_CXX_FLAGS_RELEASE=-O1"]
+PYTHON_ONLY = ["-DPYTHON_ONLY=ON", "-DCMAKE_C_FLAGS_RELEASE=-O0", "-DCMAKE_CXX_FLAGS_RELEASE=-O0"]
 
 WAITING = 1
 """`./pushfric test` runs tests in this many more processes than there are cores, because many tests wait for events."""
@@ -624,8 +630,10 @@ def build(underlay: str | None) -> list[pathlib.Path]:
             command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF", *PYTHON_ONLY]
         built.unlink(missing_ok=True)
         forget_removed_interfaces(folder)
-        environment = {"MAKEFLAGS": f"-j{len(os.sched_getaffinity(0))}"} | os.environ  # else colcon adds -l: one job under load
-        run(in_environment(command, underlay, overlaid=False), "building the workspace", environment)
+        # else colcon adds -l: one job under load
+        environment = {"MAKEFLAGS": f"-j{len(os.sched_getaffinity(0))}"} | keeping_bytecode()
+        command = in_environment(["bash", "-c", BESIDE, LIBRARIES, *command], underlay, overlaid=False)
+        run(command, "building the workspace", environment)
         run(in_environment(["python3", "-c", WARM_UP], underlay), "loading all modules", keeping_bytecode())
         built.write_text(fingerprint)
     if install.resolve() != folder / "install":
