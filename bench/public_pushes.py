@@ -314,7 +314,7 @@ def _measured(
     truth = np.array([one.strokes[row].after for row in rows])
     chosen = [lines[row] for row in rows]
     even = outline.grid(FINE, FINE, 0.0)
-    uniform = FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), by_half.mean_mu_c)
+    uniform = FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), by_half.median_mu_c)
     own = {"half": [_rolled(by_half, outline, chosen)], "few": [_rolled(model, outline, chosen) for model in by_few]}
     figures["within"] = {name: float(np.mean([_within(one, truth, by_half.length) for one in own[name]])) for name in own}
     ends = {
@@ -371,7 +371,7 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
 
     def motion(pose: Pose, line: PushingLine, touch: Touch) -> Twist:
         direction = rotation(-pose.theta) @ line.direction
-        return Twist(*ellipsoid_motion(ellipsoid, uniform.mean_mu_c, touch.point, touch.normal, direction).tolist())
+        return Twist(*ellipsoid_motion(ellipsoid, uniform.median_mu_c, touch.point, touch.normal, direction).tolist())
 
     ends = []
     for pose, line, _, end in chosen:

@@ -235,7 +235,7 @@ def test_the_limit_surface_comes_in_the_forms_of_planners(ros):
     _, model = expected_model()
     msg = cell.ask("limit_surface", GetLimitSurface.Request()).limit_surface
     ellipsoid = named_ellipsoid(model.support)
-    assert (msg.object, msg.header.frame_id, msg.contact_friction) == (NAME, "object", model.mean_mu_c)
+    assert (msg.object, msg.header.frame_id, msg.contact_friction) == (NAME, "object", model.median_mu_c)
     assert (msg.f_max, msg.m_max) == (1, ellipsoid.m_max)
     assert (msg.center.x, msg.center.y) == pytest.approx(tuple(model.support.center_of_friction))
     assert 0 < msg.ellipsoid_twist_error < 0.3

@@ -204,7 +204,7 @@ class ExportedBody:
     @property
     def mu_c(self) -> float:
         """The contact friction coefficient."""
-        return min(self.friction.mean_mu_c, STICKS)
+        return min(self.friction.median_mu_c, STICKS)
 
     @cached_property
     def feet(self) -> Feet:

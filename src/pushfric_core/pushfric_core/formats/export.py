@@ -27,7 +27,7 @@ def json(body: ExportedBody) -> dict[str, str]:
         "gravity": load.gravity,
         "table_friction": load.table_friction,
         "total_friction": load.total_friction,
-        "mu_c": friction.mean_mu_c,
+        "mu_c": friction.median_mu_c,
         "support_points": friction.support_points.tolist(),
         "w": friction.support.weights.tolist(),
         "center_of_friction": friction.center_of_friction.tolist(),

@@ -79,7 +79,7 @@ class FrictionModel:
         >>> from pushfric_core import TABLE_1, FrictionModel
         >>> known = TABLE_1["wood_rect4"]
         >>> model = FrictionModel.of(known.support, known.mu_c)
-        >>> model.center_of_friction.tolist(), model.mean_mu_c
+        >>> model.center_of_friction.tolist(), model.median_mu_c
         ([0.0, 0.0], 0.3)
     """
 
@@ -112,7 +112,7 @@ class FrictionModel:
     def __repr__(self) -> str:
         x, y = 1e3 * self.center_of_friction
         samples = f"{counted(len(self.w), 'sample')} over {counted(len(self.support_points), 'support point')}"
-        return f"<FrictionModel: p_CF ({x:.2f}, {y:.2f}) mm, mu_c {self.mean_mu_c:.3f}, {samples}>"
+        return f"<FrictionModel: p_CF ({x:.2f}, {y:.2f}) mm, mu_c {self.median_mu_c:.3f}, {samples}>"
 
     @classmethod
     def of(cls, support: Support, mu_c: float) -> FrictionModel:
@@ -139,8 +139,8 @@ class FrictionModel:
 
     @cached_property
     def mean(self) -> FrictionModel:
-        """The model of a single sample: the mean friction."""
-        return self._with(self.support.weights, self.mean_mu_c)
+        """The model of a single sample: the mean friction, which is the mean of w and the median of mu_c."""
+        return self._with(self.support.weights, self.median_mu_c)
 
     def _with(self, w: Array, mu_c: float) -> FrictionModel:
         """The same with a single sample."""
@@ -151,7 +151,7 @@ class FrictionModel:
         """w (s + 1, n) and mu_c (s + 1,) of the samples, the last ones of their mean; of a single sample, only its own."""
         if len(self.w) == 1:
             return self.w, self.mu_c
-        return np.vstack((self.w, self.support.weights)), np.append(self.mu_c, self.mean_mu_c)
+        return np.vstack((self.w, self.support.weights)), np.append(self.mu_c, self.median_mu_c)
 
     @property
     def confidence(self) -> float | None:
@@ -176,8 +176,8 @@ class FrictionModel:
             return None
         if self.kind is Kind.BOUND:
             return MuC(None, float(np.quantile(self.mu_c, 1 - SHARE)), math.inf, self.kind)
-        low, value, high = np.quantile(self.mu_c, ((1 - SHARE) / 2, 0.5, (1 + SHARE) / 2)).tolist()
-        return MuC(value, low, high, self.kind)
+        low, high = np.quantile(self.mu_c, ((1 - SHARE) / 2, (1 + SHARE) / 2)).tolist()
+        return MuC(self.median_mu_c, low, high, self.kind)
 
     @property
     def limit(self) -> str | None:
@@ -188,9 +188,9 @@ class FrictionModel:
         return f"mu_c is only known to be at least {known.low:.2f}: if the tip slides, the predictions may not hold"
 
     @cached_property
-    def mean_mu_c(self) -> float:
-        """The mean contact friction coefficient."""
-        return float(self.share @ self.mu_c)
+    def median_mu_c(self) -> float:
+        """The median contact friction coefficient."""
+        return float(np.quantile(self.mu_c, 0.5))
 
     @cached_property
     def center_of_friction(self) -> Array:

@@ -433,7 +433,7 @@ def limit_surface_to_msg(basis: Basis, total_friction: float, model: FrictionMod
         ValueError: a single point bears all the weight: its surface encloses no volume.
     """
     msg = LimitSurface(header=basis.header, object=basis.object)
-    msg.contact_friction, msg.total_friction = model.mean_mu_c, total_friction
+    msg.contact_friction, msg.total_friction = model.median_mu_c, total_friction
     ellipsoid = named_ellipsoid(model.support)
     msg.f_max, msg.m_max, msg.center = ellipsoid.f_max, ellipsoid.m_max, _point(ellipsoid.center)
     msg.ellipsoid_load_error, msg.ellipsoid_twist_error = ellipsoid_error(ellipsoid, model.support)
