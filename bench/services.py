@@ -23,9 +23,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from bench import pipeline
-from bench.display import Verdict
+from bench.display import Figures, Verdict
 from bench.paper import pushes
-from bench.processes import running
+from bench.processes import OBJECT, running
 from pushfric_core import TABLE_1, friction_model
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlannerConfig
@@ -50,12 +50,10 @@ CLIENTS, AT_ONCE, EACH, TIMES = 50, 200, 100, 20
 
 PATIENCE = 60.0  # [s]
 
-Figures = dict[str, Any]
-
 
 def question(count: int) -> PredictPush.Request:
     """A number of pushes all over the outline of the demo's object, always the same."""
-    rng, outline = np.random.default_rng(count), TABLE_1[pipeline.OBJECT].outline
+    rng, outline = np.random.default_rng(count), TABLE_1[OBJECT].outline
     edges = rng.integers(len(outline.edges), size=count)
     points = outline.vertices[edges] + rng.uniform(0.1, 0.9, (count, 1)) * outline.edges[edges]
     normals = outline.normals[edges]
@@ -170,11 +168,10 @@ def _kind(push: int) -> str:
 
 def _crowd() -> Figures:
     """Many clients of a planner that has only its topic."""
-    name = pipeline.OBJECT
-    known = TABLE_1[name]
-    data = pushes.watch(name, pushes.motions(name, pushes.plan(name), 0), 0)
+    known = TABLE_1[OBJECT]
+    data = pushes.watch(OBJECT, pushes.motions(OBJECT, pushes.plan(OBJECT), 0), 0)
     estimate = pushes.estimated(data, known.support_points)[1]
-    msg = friction_model_to_msg(name, known.outline, estimate, friction_model(estimate), EstimateVerdict())
+    msg = friction_model_to_msg(OBJECT, known.outline, estimate, friction_model(estimate), EstimateVerdict())
     asked = question(EACH)
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
         here = stack.enter_context(visit("bench", graph.NAMESPACE))
