@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.paper.pushes import NOISES, Studied, filmed, moved, objects, of_table_1, shapes
-from bench.paper.spoilt import AFTER, BEFORE, SHIFTS, SPOILT, with_bad_push, with_moved_load
+from bench.paper.spoilt import CHANGE, runs
 from bench.public_pushes import DRAWS, FEW, PublicSet, center_off, sets_in
 from pushfric_core import TABLE_1, Observation, Twist, believe
 from pushfric_core.belief import constants
@@ -63,7 +63,7 @@ class Case(NamedTuple):
     part: str  # SIMULATION, or one of HALVES
     points: Array  # (n, 2) support points [m]
     data: Sequence[Observation]
-    right: Any  # p_CF (2,) [m]; mu_c; the bad push, "change" or None; the code of the mistake, or None
+    right: Any  # p_CF (2,) [m]; mu_c; the bad push, CHANGE or None; the code of the mistake, or None
 
 
 class Trial(NamedTuple):
@@ -213,7 +213,7 @@ def _doubts(case: Case) -> Score:
     rejected, changed = {one.push_id for one in doubts.rejected}, doubts.change is not None
     if case.right is None:
         return Score(case.part, -FALSE_ALARM * (changed or bool(rejected)))
-    return Score(case.part, float(changed if case.right == "change" else case.right in rejected))
+    return Score(case.part, float(changed if case.right == CHANGE else case.right in rejected))
 
 
 def _mistakes(case: Case) -> Score:
@@ -269,16 +269,9 @@ def _sliding(seeds: int) -> Iterator[Case]:
 
 
 def _spoilt(seeds: int) -> Iterator[Case]:
-    for studied, plan, rng in _studied(seeds, 9):
-        pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
-        before = moved(studied, pushes, rng)
-        seen: list[tuple[Any, list[Any]]] = [(None, before)]
-        seen += [with_bad_push(kind, before, rng) for kind in SPOILT]
-        for shift in SHIFTS:
-            other = studied._replace(support=with_moved_load(studied.support, shift, rng))
-            seen.append(("change", [*before[:BEFORE], *moved(other, pushes[:AFTER], rng)]))
-        for spread, (right, frames) in itertools.product(NOISES.values(), seen):
-            yield Case(SIMULATION, studied.support_points, filmed(studied.outline, frames, spread, rng), right)
+    for studied, _, rng in _studied(seeds, 9):
+        for _, right, data in runs(studied, rng):
+            yield Case(SIMULATION, studied.support_points, data, right)
 
 
 def _wrong(seeds: int) -> Iterator[Case]:

@@ -53,18 +53,17 @@ def run_seed(seed: int) -> dict[str, Any]:
     """All simulated cells of one seed.
 
     Returns:
-        `seed`; under `cells` what was found in each, by its name; under `mu_c` that of each object of Table 1; and under
-        `screened` what screening said of bad pushes and changed objects.
+        `seed`; under `cells` what was found in each, by its name; under `mu_c` that of each object of Table 1; and as
+        `screened` the cases of bad pushes and changed objects, each with what was said of it.
     """
-    found: dict[str, Any] = {"seed": seed, "cells": {}, "mu_c": {}, "screened": {}}
+    found: dict[str, Any] = {"seed": seed, "cells": {}, "mu_c": {}, "screened": []}
     for number, (name, studied) in enumerate(objects().items()):
         rng = np.random.default_rng((seed, number))
         edge = int(rng.integers(len(studied.outline.vertices)))
         offset = float(rng.uniform(-0.3, 0.3) * studied.outline.lengths[edge])
         plans = {plan: even_pushes(studied.outline, counts) for plan, counts in studied.plans.items()}
         found["cells"] |= _cells(name, studied, plans | {"one_place": [PlannedPush(edge, offset)] * 8}, rng)
-        verdicts = spoilt.verdicts(studied, np.random.default_rng((seed, 200 + number)))
-        found["screened"] |= {f"{name}/{case}": verdict for case, verdict in verdicts}
+        found["screened"] += _screened(studied, np.random.default_rng((seed, 200 + number)))
     for number, (name, studied) in enumerate(shapes().items()):
         rng = np.random.default_rng((seed, 400 + number))
         plans = {"all": even_pushes(studied.outline, studied.plans["all"]), "places": eight_places(studied.outline, rng)}
@@ -114,7 +113,7 @@ def study(
         "seeds": seeds,
         "simulated": {name: _summary([one["cells"][name] for one in runs]) for name in runs[0]["cells"]},
         "mu_c": {name: _within([one["mu_c"][name] for one in runs if name in one["mu_c"]]) for name in TABLE_1},
-        "screened": spoilt.summary([one["screened"] for one in runs]),
+        "screened": _totals(one for run in runs for one in run["screened"]),
         "real": _real(logs),
     }
     _write(out, summary, f"Study of {seeds} seeds", [part for part in PARTS if summary[part]])
@@ -141,6 +140,29 @@ def _cells(
         for noise, spread in NOISES.items():
             data = filmed(studied.outline, pushed, spread, rng)
             yield f"{name}/{plan}/{noise}", _found(data, studied.support_points, studied.support.center_of_friction)
+
+
+def _screened(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
+    """What is said of runs with a fault: whether it is found (None: there is none), and how many good pushes are lost."""
+    for case, right, data in spoilt.runs(studied, rng):
+        estimator, estimate = estimated(data, studied.support_points)
+        left_out = {one.push_id for one in estimator.rejected}
+        changed = estimate.judgement.doubts.change is not None
+        found = None if case.startswith("none") else changed if right == spoilt.CHANGE else right is None or right in left_out
+        good = {one.push_id for one in data if right != spoilt.CHANGE} - {right}
+        lost, changed = len(good & left_out), changed and right != spoilt.CHANGE
+        yield case, {"runs": 1, "found": found, "good": len(good), "lost": lost, "changed": changed}
+
+
+def _totals(said: Iterable[tuple[str, Numbers]]) -> Numbers:
+    """The sums of all runs of each case; None: not asked."""
+    cases: dict[str, list[Numbers]] = {}
+    for case, numbers in said:
+        cases.setdefault(case, []).append(numbers)
+    return {
+        case: {key: None if runs[0][key] is None else sum(one[key] for one in runs) for key in runs[0]}
+        for case, runs in cases.items()
+    }
 
 
 def _found(data: Iterable[Observation], points: Array, truth: Array) -> Numbers:
