@@ -38,7 +38,7 @@ def runs(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, int 
     Yields:
         The name of the case; what should be said: the bad push, CHANGE, or None if no observation is wrong; the observations.
     """
-    plan = even_pushes(studied.outline, studied.plans["all"])
+    plan = even_pushes(studied.outline, studied.counts)
     pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
     before = moved(studied, pushes, rng)
     after = {}
