@@ -7,6 +7,7 @@ Memory is the proportional set size: a page that several processes share is divi
 
 import pathlib
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -21,8 +22,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from bench.display import Figures, Verdict
-from bench.processes import OBJECT, cell_of, cpu_of_ended_children, running
-from pushfric_ros.faults.processes import NODES
+from bench.processes import OBJECT, cell_of
+from faults.cell_run import new_run
+from pushfric_ros.faults.processes import NODES, end, started
 from pushfric_ros.graph import fork_server, graph
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_QUEUE
@@ -88,12 +90,12 @@ def verdicts(figures: Figures) -> Iterator[Verdict]:
 
 def _cpu(arguments: list[str | pathlib.Path]) -> float:
     """CPU time of a command and its children [s]: the median of several calls, after one that warms the caches."""
-    seconds = []
+    spent = []
     for _ in range(ROUNDS + 1):
-        before = cpu_of_ended_children()
         subprocess.run(arguments, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-        seconds.append(cpu_of_ended_children() - before)
-    return float(np.median(seconds[1:]))
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        spent.append(usage.ru_utime + usage.ru_stime)
+    return float(np.median(np.diff(spent)))
 
 
 def demo(rounds: int = ROUNDS) -> Figures:
@@ -102,12 +104,12 @@ def demo(rounds: int = ROUNDS) -> Figures:
     Returns:
         "memory_mib", "bare_memory_mib" and "first_pose_s", as `measure`.
     """
-    with ExitStack() as stack:
-        bare = stack.enter_context(running([sys.executable, "-c", BARE_NODE], stdout=subprocess.PIPE))
-        bare.stdout.readline()
+    with new_run() as bare:
+        bare.start(sys.executable, "-c", BARE_NODE)
+        bare.wait_for_output("ready")
         first_poses = [_started_demo(0.0)[0] for _ in range(rounds - 1)]
         first_pose, samples = _started_demo(WATCHED)
-        bare_memory = _memory(psutil.Process(bare.pid))
+        bare_memory = _memory(psutil.Process(bare.process.pid))
     largest = max(samples, key=lambda sample: sum(sample.values()))
     return {
         "memory_mib": largest | {"total": sum(largest.values())},
@@ -120,27 +122,22 @@ def _started_demo(watched: float) -> tuple[float, list[dict[str, float]]]:
     """How long a demo takes to its first pose [s], and its memory, sampled for some time from then on [s]."""
     poses: list[int] = []  # when they were published [ns]
     samples: list[dict[str, float]] = []
-    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
-        here = stack.enter_context(visit("bench", graph.NAMESPACE))
+    with new_run() as run, visit("bench", graph.NAMESPACE) as here:
         here.node.create_subscription(
             PoseWithCovarianceStamped, "object_pose", lambda _, info: poses.append(info["source_timestamp"]), SENSOR_QUEUE
         )
-        started = time.time_ns()
-        arguments = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", f"{folder}/bag"]
-        run = stack.enter_context(running(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
-        deadline = time.monotonic() + EVENT_TIMEOUT
-        while time.monotonic() < deadline:
+        begin = time.time_ns()
+        run.demo()
+        run.wait_for(lambda: here.spin_once(0.05) or poses or run.ended, "a pose")
+        deadline = time.monotonic() + watched
+        while not samples or time.monotonic() < deadline:
+            if run.ended:
+                raise RuntimeError(f"the demo ended early:\n{run.output}")
+            samples.append(_memory_of_family(run.process.pid))
             here.spin_once(0.1)
-            if run.poll() is not None:
-                raise RuntimeError(f"the demo ended early:\n{run.stderr.read()}")
-            if poses:
-                deadline = min(deadline, time.monotonic() + watched) if not samples else deadline
-                samples.append(_memory_of_family(run.pid))
-        if not samples:
-            raise RuntimeError(f"no pose within {EVENT_TIMEOUT:g} s")
-        run.send_signal(signal.SIGINT)
-        run.communicate(timeout=EVENT_TIMEOUT)
-    return (poses[0] - started) / 1e9, samples
+        run.process.send_signal(signal.SIGINT)
+        run.wait_for_end()
+    return (poses[0] - begin) / 1e9, samples
 
 
 def _end(names: Sequence[str]) -> tuple[float, dict[str, int]]:
@@ -152,8 +149,9 @@ def _end(names: Sequence[str]) -> tuple[float, dict[str, int]]:
             DiagnosticArray, "/diagnostics", lambda msg: up.update(status.name for status in msg.status), RELIABLE
         )
         commands = {one.name: command(one, graph.NAMESPACE, pathlib.Path(folder)) for one in cell_of(folder)}
-        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        processes = {name: stack.enter_context(running(commands[name], **silent)) for name in names}
+        processes = {name: started(commands[name], pathlib.Path(folder), subprocess.DEVNULL) for name in names}
+        for process in processes.values():
+            stack.callback(end, process)
         awaited = {f"{graph.NAMESPACE}/{node}" for node in names}
         deadline = time.monotonic() + EVENT_TIMEOUT
         while not up >= awaited:

@@ -23,7 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 from bench.display import Figures
-from bench.processes import Run, cell_of, cpu_of_ended_children
+from bench.processes import Run, cell_of
 from pushfric_core import TrajectoryConfig
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_msgs.msg import FrictionEstimate, PusherState
@@ -41,11 +41,11 @@ BEST_EFFORT = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 def measure(progress: Callable[[str], None]) -> Figures:
-    """Run the demo's cell once in real time; see `Listener.latency`, and the cores that its nodes took."""
+    """Run the demo's cell once in real time; see `Listener.latency`."""
     progress("live graph")
     listener = Listener()
     run(listener)
-    return {**listener.latency(), "cores": listener.cores}
+    return listener.latency()
 
 
 class Listener:
@@ -56,7 +56,6 @@ class Listener:
     """
 
     def __init__(self, images: bool = True) -> None:
-        self.cores = 0.0  # CPU time of all nodes over wall time, over the whole run
         self._sees = images
         self.images: dict[int, int] = {}
         self.poses: dict[int, int] = {}
@@ -109,10 +108,9 @@ def run(listener: Listener, changed: Callable[[list[NodeSpec]], list[NodeSpec]] 
     """
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, visit("bench", graph.NAMESPACE, images=True) as here:
         listener.subscribe(here.node)
-        begin, cpu_before, until = time.monotonic(), cpu_of_ended_children(), math.inf
+        until = math.inf
         with Run(changed(cell_of(folder))) as cell:
             while time.monotonic() < until:
                 here.spin_once(0.05)
                 if until == math.inf and cell.finished():
                     until = time.monotonic() + AFTERWARDS
-        listener.cores = (cpu_of_ended_children() - cpu_before) / (time.monotonic() - begin)

@@ -1,12 +1,7 @@
 """Processes that a benchmark starts, and what they use."""
 
 import pathlib
-import resource
-import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
 
 from pushfric_core import PushfricError
 from pushfric_core.cell.node_settings import PlanConfig
@@ -41,19 +36,3 @@ class Run(Supervisor):
         if ended is not None and ended.code:
             raise PushfricError("\n".join([*self._said[-5:], ended.reason]))
         return ended is not None
-
-
-@contextmanager
-def running(arguments: list[str], **options: Any) -> Iterator["subprocess.Popen[str]"]:
-    """A process that is killed in the end."""
-    with subprocess.Popen(arguments, text=True, **options) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def cpu_of_ended_children() -> float:
-    """CPU time of this process's children that have ended, and of theirs [s]."""
-    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return usage.ru_utime + usage.ru_stime

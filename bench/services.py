@@ -25,13 +25,14 @@ from rclpy.task import Future
 from bench import pipeline
 from bench.display import Figures, Verdict
 from bench.paper import pushes
-from bench.processes import OBJECT, running
+from bench.processes import OBJECT
 from pushfric_core import TABLE_1, friction_model
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.estimation.verdict import Verdict as EstimateVerdict
 from pushfric_msgs.msg import FrictionModel, Heartbeat, PusherState
 from pushfric_msgs.srv import PredictPush
+from pushfric_ros.faults.processes import end, started
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.messages.conversions import MODEL_TOPIC, friction_model_to_msg
@@ -79,9 +80,9 @@ def measure(progress: Callable[[str], None]) -> Figures:
     """Run the whole plan of the demo's cell once, and let many clients ask a planner.
 
     Returns:
-        By kind of push: "answers" to questions about one push, and "estimates": {count, p50_ms, p90_ms, p99_ms}; the same of
-        answers about many ("answers_to_many"); and "heartbeat_gap_s": the longest. "crowd": {"at_once": number of answers to
-        AT_ONCE calls; "in_a_row": number of answers to CLIENTS x TIMES calls, "p50_ms", "p99_ms"}.
+        By kind of push: "answers" to questions about one push, and "estimates": {count, p50_ms, p90_ms, p99_ms}; and
+        "heartbeat_gap_s": the longest. "crowd": {"at_once": number of answers to AT_ONCE calls; "in_a_row": number of answers
+        to CLIENTS x TIMES calls, "p50_ms", "p99_ms"}.
     """
     progress("answers while a cell pushes")
     planner = _Planner()
@@ -116,7 +117,6 @@ class _Planner(pipeline.Listener):
         self._now: str | None = None  # kind of the present push
         self._pending: Future | None = None  # the last answer about MANY pushes
         self._answers: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [ms]
-        self._answers_to_many: list[float] = []  # [ms]
         self._gaps: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [s]
         self._beat: int | None = None  # when the last heartbeat was published [ns]
 
@@ -137,7 +137,6 @@ class _Planner(pipeline.Listener):
                 delays[_kind(push)].append((published - max(pose, state)) / 1e6)
         return {
             "answers": {kind: _spread(values) for kind, values in self._answers.items() if kind != "quiet"},
-            "answers_to_many": _spread(self._answers_to_many),
             "estimates": {kind: _spread(values) for kind, values in delays.items()},
             "heartbeat_gap_s": {kind: max(values, default=math.nan) for kind, values in self._gaps.items()},
         }
@@ -147,7 +146,7 @@ class _Planner(pipeline.Listener):
             return
         timed(self._client, self._one, self._answers[self._now])
         if self._now == "loaded" and (self._pending is None or self._pending.done()):
-            self._pending = timed(self._greedy, self._many, self._answers_to_many)
+            self._pending = self._greedy.call_async(self._many)
 
     def _on_heartbeat(self, msg: Heartbeat, info: dict[str, Any]) -> None:
         if not msg.node.endswith("/estimator"):
@@ -177,7 +176,7 @@ def _crowd() -> Figures:
         here = stack.enter_context(visit("bench", graph.NAMESPACE))
         here.node.create_publisher(FrictionModel, MODEL_TOPIC, LATCHED).publish(msg)
         arguments = command(graph.NodeSpec("planner"), graph.NAMESPACE, pathlib.Path(folder))
-        stack.enter_context(running(arguments, stdout=subprocess.DEVNULL))
+        stack.callback(end, started(arguments, pathlib.Path(folder), subprocess.DEVNULL))
         # with rclpy's own queues, as another language's client has them; that of `planner_client` is deeper
         names = [f"planner/predict_push/client_{number}" for number in range(CLIENTS)]
         clients = [here.node.create_client(PredictPush, name) for name in names]
