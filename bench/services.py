@@ -190,24 +190,23 @@ def _crowd() -> Figures:
         answers: list[float] = []  # [ms]
         while not answers:  # until it has the model
             spin(timed(clients[0], asked, answers).done)
-        answers.clear()
-        at_once = [client.call_async(asked) for _ in range(AT_ONCE // CLIENTS) for client in clients]
-        spin(lambda: all(answer.done() for answer in at_once))
 
-        def ask(client: Client, left: int) -> None:
-            def on_answer(answer: Future) -> None:
-                if not answer.result().success:
-                    raise RuntimeError(f"the planner refused a request: {answer.result().message}")
-                ask(client, left - 1)
+        def asked_by_all(at_once: int, in_a_row: int) -> list[float]:
+            """How long the answers to so many calls of each client took [ms]."""
+            answers: list[float] = []
 
-            if left:
-                timed(client, asked, answers).add_done_callback(on_answer)
+            def ask(client: Client, left: int) -> None:
+                if left:
+                    timed(client, asked, answers).add_done_callback(lambda _: ask(client, left - 1))
 
-        for client in clients:
-            ask(client, TIMES)
-        spin(lambda: len(answers) == CLIENTS * TIMES)
-    spread = _spread(answers)
-    return {"at_once": sum(one.done() and one.result().success for one in at_once), "in_a_row": spread.pop("count"), **spread}
+            for client in clients * at_once:
+                ask(client, in_a_row)
+            spin(lambda: len(answers) == CLIENTS * at_once * in_a_row)
+            return answers
+
+        at_once = len(asked_by_all(AT_ONCE // CLIENTS, 1))
+        spread = _spread(asked_by_all(1, TIMES))
+    return {"at_once": at_once, "in_a_row": spread.pop("count"), **spread}
 
 
 def _spread(values: list[float]) -> Figures:

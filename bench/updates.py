@@ -1,5 +1,6 @@
 """The CPU time that each contender needs for one new observation, as a table, and the memory that it takes."""
 
+import contextlib
 import gc
 import itertools
 import math
@@ -138,18 +139,24 @@ class _Cell:
             gc.enable()
 
     def _timed(self, name: str, work: Callable[[], None]) -> float:
-        """CPU time of all threads [s]; a contender that cannot finish leaves the cell."""
+        """CPU time of all threads [s]."""
         start = time.process_time()
-        try:
+        with self._leaving(name):
             work()
+        seconds = time.process_time() - start
+        self.longest[name] = max(self.longest[name], seconds)
+        return seconds
+
+    @contextlib.contextmanager
+    def _leaving(self, name: str) -> Iterator[None]:
+        """A contender that cannot finish, or finds no optimum, leaves the cell."""
+        try:
+            yield
         except OutOfTime:
             self._leave(name)
         except NoOptimum as reason:
             self._disagree(name, str(reason))
             self._leave(name)
-        seconds = time.process_time() - start
-        self.longest[name] = max(self.longest[name], seconds)
-        return seconds
 
     def _leave(self, name: str) -> None:
         """Measure a contender no more, and drop its results here."""
@@ -164,19 +171,13 @@ class _Cell:
         """Compare the objectives, after all contenders have been timed."""
         expected = None  # pushfric comes first
         for name, contender in contenders.items():
-            try:
+            with self._leaving(name):
                 found = contender.objective()
-            except NoOptimum as reason:
-                self._disagree(name, str(reason))
-                if name == "pushfric":
-                    return
-                self._leave(name)
-                continue
-            expected = expected or found
-            error = abs(found - expected) / expected
-            self._error[name] = max(self._error[name], error)
-            if error > AGREEMENT:
-                self._disagree(name, f"its objective is {error:.1e} off pushfric's")
+                expected = expected or found
+                error = abs(found - expected) / expected
+                self._error[name] = max(self._error[name], error)
+                if error > AGREEMENT:
+                    self._disagree(name, f"its objective is {error:.1e} off pushfric's")
 
     def _rest(self) -> None:
         """Stop measuring contenders that used up their budget; pushfric goes on."""
