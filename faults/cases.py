@@ -270,16 +270,12 @@ KILLED = Ends(WHICH, (1,), "{} was killed by SIGKILL")
 FAILED = Ends(
     "the run has failed and says which node", (1,), "error: {} (has finished, but the plan has not|ended with exit code [01])"
 )
+STOPPED = Ends(ENDED, (1,), r"{} was stopped \(SIGSTOP\) for 10 s and is ended")
 NODE_CASES = (
     *of_nodes("kill -9 of {}", partial(_signal, signal.SIGKILL), KILLED, f"started again, or {WHICH}"),
     *of_nodes("SIGTERM to {}", partial(_signal, signal.SIGTERM), FAILED),
     *of_nodes("{} stopped for 5 s", _stall, Ends("nothing is lost, or the run says what and ends with 1; no hang", ANY)),
-    *of_nodes(
-        "{} stopped for good",
-        partial(_signal, signal.SIGSTOP),
-        Ends(ENDED, (1,), r"{} was stopped \(SIGSTOP\) for 10 s and is ended"),
-        ENDED,
-    ),
+    *of_nodes("{} stopped for good", partial(_signal, signal.SIGSTOP), STOPPED, ENDED),
 )
 
 WAITS = Ends("the push is stopped, with the reason; the run waits for a person", (130,), interrupt=True)
@@ -288,14 +284,10 @@ GOES_ON = {
     "every frame twice": Ends("nothing happens", (0,)),
     "clock set back for a second": Ends("what was measured meanwhile is not used, and the result says so", ANY, aborts=UNSEEN),
 }
-CAMERA_CASES = [
-    Fault(
-        f"camera: {name}",
-        partial(camera.start, name),
-        GOES_ON.get(name) or replace(WAITS, says=says, aborts=f"{UNSEEN}|{says}"),
-    )
-    for name, (_, says) in camera.FAULTS.items()
-]
+CAMERA_ENDS = {
+    name: GOES_ON.get(name) or replace(WAITS, says=says, aborts=f"{UNSEEN}|{says}") for name, (_, says) in camera.FAULTS.items()
+}
+CAMERA_CASES = [Fault(f"camera: {name}", partial(camera.start, name), must) for name, must in CAMERA_ENDS.items()]
 
 SAYS_SO = "the run ends and says so"
 FULL = Ends(f"{SAYS_SO}; what was written can be read", (1, 2), "File too large")
@@ -332,14 +324,11 @@ QUOTAS = [
 
 INTERRUPTED = Ends("exit code 130, or 0 where the run was over; no process is left, and the bag can be read", (130, 0))
 FOLLOW = Ends("all nodes end, and the bag can be read", (-9,))
+FOLLOW_TOO = replace(FOLLOW, codes=(-1, 129))
 ENDINGS = [
     *each("Ctrl-C {:.1f} s after the start", MOMENTS, _interrupt, INTERRUPTED, in_push=False),
     Fault("the command line is killed", caused(lambda run: run.process.kill()), FOLLOW),
-    Fault(
-        "the terminal closes (SIGHUP)",
-        caused(lambda run: run.process.send_signal(signal.SIGHUP)),
-        replace(FOLLOW, codes=(-1, 129)),
-    ),
+    Fault("the terminal closes (SIGHUP)", caused(lambda run: run.process.send_signal(signal.SIGHUP)), FOLLOW_TOO),
 ]
 
 CASES = (*NODE_CASES, *CAMERA_CASES, *FILE_CASES, *QUOTAS, *ENDINGS)
