@@ -46,6 +46,7 @@ def _flag(name: str, text: str) -> Any:
     return Annotated[bool, typer.Option(f"--{name}", help=text)]
 
 
+FOLDERS = "With --public: what `import` wrote."
 SOAK = "Measure only whether the memory, threads and files of a running cell's nodes grow, for this long."
 PUBLIC = "Measure only what the estimates are worth on public pushes; the figure goes to --plot, the table next to it."
 COSTS = "Measure only where time and memory go, and write the tables of docs/graph.md and docs/estimation.md: 2 minutes."
@@ -55,10 +56,7 @@ FOOTPRINT = "Measure only memory, start and end of the processes, next to a bare
 
 @app.command(cls=Bench)
 def bench(
-    folders: Annotated[
-        list[pathlib.Path] | None,
-        typer.Argument(metavar="FOLDER", help="With --public: what `import` wrote.", show_default=False),
-    ] = None,
+    folders: Annotated[list[pathlib.Path] | None, typer.Argument(metavar="FOLDER", help=FOLDERS, show_default=False)] = None,
     quick: _flag("quick", "Measure only a small part, in less than a minute.") = False,
     plot: Annotated[pathlib.Path, typer.Option(help="With --public: write the figure to this file.")] = RUNS / "bench.png",
     public: _flag("public", PUBLIC) = False,

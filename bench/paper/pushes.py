@@ -143,13 +143,11 @@ def watch(name: str, moved: Sequence[Frames], seed: int, bad_push: int | None = 
     return filmed(known.outline, pushes, known.noise, np.random.default_rng((seed, number, 1)))
 
 
-def filmed(
-    outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np.random.Generator, first: int = 0
-) -> list[Observation]:
-    """The observations that a camera with this noise makes of pushes, numbered from `first` on."""
+def filmed(outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np.random.Generator) -> list[Observation]:
+    """The observations that a camera with this noise makes of pushes."""
     trajectory = Trajectory(outline)
     observations = []
-    for push_id, frames in enumerate(pushes, first):
+    for push_id, frames in enumerate(pushes):
         for frame, (position, pose) in enumerate(frames):
             stamp = round((3600 * push_id + frame / FRAME_RATE) * 1e9)
             seen = np.asarray(pose) + rng.normal(0.0, 1.0, 3) * (noise.position, noise.position, noise.angle)

@@ -72,23 +72,18 @@ def run_seed(seed: int) -> dict[str, Any]:
     return found
 
 
+RUNS_OF_EACH = f"Simulated runs for each case [default: {SEEDS}; with --constants, 1]."
+REAL = "push_points.csv of zhou2015, to study real pushes too."
+CONSTANTS = "Instead, halve and double each constant of the belief; 40 minutes of one core."
+PUBLIC = "With --constants: a folder of public pushes, as `import` writes them; may be repeated."
+
+
 def study(
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write: study.json and study.md.")] = RUNS / "study",
-    seeds: Annotated[
-        int | None,
-        typer.Option(help=f"Simulated runs for each case [default: {SEEDS}; with --constants, 1].", min=1, max=10_000),
-    ] = None,
-    pushes: Annotated[
-        pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015, to study real pushes too.", show_default=False)
-    ] = None,
-    of_constants: Annotated[
-        bool,
-        typer.Option("--constants", help="Instead, halve and double each constant of the belief; 40 minutes of one core."),
-    ] = False,
-    public: Annotated[
-        list[pathlib.Path] | None,
-        typer.Option(help="With --constants: a folder of public pushes, as `import` writes them; may be repeated."),
-    ] = None,
+    seeds: Annotated[int | None, typer.Option(help=RUNS_OF_EACH, min=1, max=10_000)] = None,
+    pushes: Annotated[pathlib.Path | None, typer.Option(help=REAL, show_default=False)] = None,
+    of_constants: Annotated[bool, typer.Option("--constants", help=CONSTANTS)] = False,
+    public: Annotated[list[pathlib.Path] | None, typer.Option(help=PUBLIC)] = None,
     jobs: JobsOption = -1,
     dask: DaskOption = None,
 ) -> None:
