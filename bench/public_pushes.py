@@ -123,8 +123,7 @@ def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[s
     draw_errors(rows, plot)
     gallery(sets, estimates, plot.with_stem(f"{plot.stem}_gallery"))
     write_whole(plot.with_suffix(".md"), table(*_cells(rows)))
-    pairs = itertools.combinations(zip(sets, estimates, strict=True), 2)
-    return {"sets": rows, "surfaces": [_compared(*pair) for pair in pairs if _of_one_object(*(one for one, _ in pair))]}
+    return {"sets": rows, "surfaces": list(_surfaces(sets, [belief for _, belief in estimates]))}
 
 
 def tables(figures: Figures) -> Iterator[Table]:
@@ -140,23 +139,14 @@ def tables(figures: Figures) -> Iterator[Table]:
         yield from plain_tables("Public pushes: one object in two sets", figures["surfaces"])
 
 
-Judged = tuple[PublicSet, tuple[Estimate, FrictionModel]]
-
-
-def _of_one_object(one: PublicSet, other: PublicSet) -> bool:
-    return (one.folder, one.model.name) == (other.folder, other.model.name)
-
-
-def _compared(one: Judged, other: Judged) -> Figures:
+def _surfaces(sets: Sequence[PublicSet], beliefs: Sequence[FrictionModel]) -> Iterator[Figures]:
     """Whether the regions of two sets of one object, on two surfaces, allow that its p_CF is the same."""
-    (_, first), (_, second) = one[1], other[1]
-    apart = first.center_of_friction - second.center_of_friction
-    return {
-        "object": one[0].model.name,
-        "sets": [one[0].name, other[0].name],
-        "apart": float(np.hypot(*apart)),
-        "agree": bool(apart @ np.linalg.solve(first.covariance + second.covariance, apart) <= ELLIPSE),
-    }
+    for (one, first), (other, second) in itertools.combinations(zip(sets, beliefs, strict=True), 2):
+        if (one.folder, one.model.name) == (other.folder, other.model.name):
+            apart = first.center_of_friction - second.center_of_friction
+            agree = bool(apart @ np.linalg.solve(first.covariance + second.covariance, apart) <= ELLIPSE)
+            names = [one.name, other.name]
+            yield {"object": one.model.name, "sets": names, "apart": float(np.hypot(*apart)), "agree": agree}
 
 
 def sets_in(folder: pathlib.Path) -> list[PublicSet]:

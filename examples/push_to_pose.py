@@ -112,13 +112,10 @@ class LearningPlanner(Planner):
         self._strokes = planner_client(here.node, PredictStroke)
         self._reset = here.node.create_client(Trigger, "estimator/reset")
         self._observations = here.node.create_publisher(ObservationMsg, "observation", 2000)
-        there = {"planner": self._strokes.service_is_ready, "estimator": self._observations.get_subscription_count}
-        deadline = time.monotonic() + PATIENCE
-        while missing := [other for other, is_there in there.items() if not is_there()]:
-            if time.monotonic() > deadline:
+        for other, client in (("planner", self._strokes), ("estimator", self._reset)):
+            if not client.wait_for_service(PATIENCE):
                 where = here.node.get_namespace()
-                raise SystemExit(f"error: no {missing[0]} in {where}: start the nodes as the first lines of the example say")
-            here.spin_once(0.1)
+                raise SystemExit(f"error: no {other} in {where}: start the nodes as the first lines of the example say")
 
     def forget(self) -> None:
         self._called(self._reset, Trigger.Request())

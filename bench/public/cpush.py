@@ -52,17 +52,14 @@ def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> Written
     for run, path in enumerate(sources):
         with leaving_out(written):
             strokes = read_run(path)
-            sets.setdefault(_surface(path), []).extend(stroke._replace(run=run) for stroke in strokes)
+            surface = next((surface for surface in SURFACES if surface in path.name.lower()), NAME)
+            sets.setdefault(surface, []).extend(stroke._replace(run=run) for stroke in strokes)
     make_folder(out, new=True)
     save_model(BLOCK, outline, out)
     for name, strokes in sets.items():
         strokes = _with_radius(strokes, outline)
         written.append(save_set(f"{name}_{BLOCK}", strokes, observed(strokes, outline), out))
     return written
-
-
-def _surface(path: pathlib.Path) -> str:
-    return next((surface for surface in SURFACES if surface in path.name.lower()), NAME)
 
 
 def _with_radius(strokes: Sequence[Stroke], outline: Outline) -> list[Stroke]:
