@@ -213,23 +213,18 @@ def one_at_a_time() -> Iterator[None]:
     """A second set-up waits here, says so unless it is short, and then finds everything in place."""
     lock = os.open(ROOT, os.O_RDONLY)
     with interruptible():
-        if not any(locked(lock) for _ in range(BRIEFLY)):
+        for _ in range(BRIEFLY):
+            with contextlib.suppress(BlockingIOError):
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            time.sleep(0.05)
+        else:
             say("another call sets up this checkout; this one goes on when that has ended")
             fcntl.flock(lock, fcntl.LOCK_EX)
     try:
         yield
     finally:
         os.close(lock)
-
-
-def locked(lock: int) -> bool:
-    """Whether the lock is free, and now this process's; if it is not, this takes 50 ms."""
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        time.sleep(0.05)
-        return False
-    return True
 
 
 def hold(folder: pathlib.Path) -> None:
@@ -359,12 +354,10 @@ def make_venv(command: str) -> list[pathlib.Path]:
     Returns:
         What this has looked at.
     """
-    files = {name: ROOT / name / "requirements.txt" for name in EXTRAS}
     folder = VENV.resolve().parent
-    wanted = [
-        ROOT / DISTROS[DISTRO],
-        *(file for name, file in files.items() if name == command or stamp(folder, file).exists()),
-    ]
+    extras = [ROOT / name / "requirements.txt" for name in EXTRAS]
+    wanted = [file for file in extras if file.parent.name == command or stamp(folder, file).exists()]
+    wanted.insert(0, ROOT / DISTROS[DISTRO])
     lacking = [file for file in wanted if not stamp(folder, file).exists()]
     changed = [file for file in wanted if file not in lacking and stamp(folder, file).read_text() != state(file)]
     starts = own_python_starts()
@@ -595,13 +588,12 @@ def overlay(underlay: str | None) -> pathlib.Path:
 def forget_removed_interfaces(folder: pathlib.Path) -> None:
     """Where a message or service was removed, build all of them again: CMake would leave what it installed of it."""
     for package in (path.parent for path in ROOT.glob("src/*/CMakeLists.txt")):
+        made, installed = folder / "build" / package.name, folder / "install" / package.name
         for kind in ("msg", "srv", "action"):
-            there = {
-                path.name for path in (folder / "install" / package.name / "share" / package.name / kind).glob(f"*.{kind}")
-            }
+            there = {path.name for path in (installed / "share" / package.name / kind).glob(f"*.{kind}")}
             if not there <= {path.name for path in (package / kind).glob(f"*.{kind}")}:
-                shutil.rmtree(folder / "build" / package.name, ignore_errors=True)
-                shutil.rmtree(folder / "install" / package.name, ignore_errors=True)
+                shutil.rmtree(made, ignore_errors=True)
+                shutil.rmtree(installed, ignore_errors=True)
 
 
 def build(underlay: str | None) -> list[pathlib.Path]:

@@ -46,7 +46,7 @@ def _flag(name: str, text: str) -> Any:
     return Annotated[bool, typer.Option(f"--{name}", help=text)]
 
 
-SUPPORTS = f"Number of support points (N), one of {', '.join(map(str, GRIDS))}; repeatable."
+FOLDERS = "With --public: what `import` wrote."
 SOAK = "Measure only whether the memory, threads and files of a running cell's nodes grow, for this long."
 PUBLIC = "Measure only what the estimates are worth on public pushes; the figure goes to --plot, the table next to it."
 COSTS = "Measure only where time and memory go, and write the tables of docs/graph.md and docs/estimation.md: 2 minutes."
@@ -56,15 +56,7 @@ FOOTPRINT = "Measure only memory, start and end of the processes, next to a bare
 
 @app.command(cls=Bench)
 def bench(
-    folders: Annotated[
-        list[pathlib.Path] | None,
-        typer.Argument(metavar="FOLDER", help="With --public: what `import` wrote.", show_default=False),
-    ] = None,
-    points: Annotated[
-        list[int] | None,
-        typer.Option(help="Number of earlier observations (M); repeatable.", min=1, max=1_000_000, show_default="50 to 100000"),
-    ] = None,
-    supports: Annotated[list[int] | None, typer.Option(help=SUPPORTS, show_default="all")] = None,
+    folders: Annotated[list[pathlib.Path] | None, typer.Argument(metavar="FOLDER", help=FOLDERS, show_default=False)] = None,
     quick: _flag("quick", "Measure only a small part, in less than a minute.") = False,
     plot: Annotated[pathlib.Path, typer.Option(help="With --public: write the figure to this file.")] = RUNS / "bench.png",
     public: _flag("public", PUBLIC) = False,
@@ -80,9 +72,6 @@ def bench(
     Everything runs on one thread. A solver is left out ("-") if one solve takes more than 20 s of CPU time, or is expected to
     after its last M. All solvers take each observation in turn, so that a disturbance, even of the caches, affects all alike.
     """
-    usual, usual_supports, *rest = QUICK if quick else FULL
-    if unknown := set(supports or ()) - set(GRIDS):
-        raise typer.BadParameter(f"must be of {', '.join(map(str, GRIDS))}, got {min(unknown)}", param_hint="--supports")
     if folders and not public:
         raise typer.BadParameter("is for --public", param_hint="FOLDER")
     sections: dict[str, tuple[Any, ...]] = {}
@@ -90,11 +79,8 @@ def bench(
         sections["soak"] = soak, minutes
     elif public:
         check_image_name(plot)
-        sections["public_pushes"] = (
-            public_pushes,
-            [one for folder in folders or () for one in public_pushes.sets_in(folder)],
-            plot,
-        )
+        sets = [one for folder in folders or () for one in public_pushes.sets_in(folder)]
+        sections["public_pushes"] = public_pushes, sets, plot
     elif costs_only:
         sections["costs"] = (costs,)
     elif footprint_only:
@@ -102,7 +88,7 @@ def bench(
     elif planning_only:
         sections |= {"services": (services,), "simulators": (simulators,)}
     else:
-        sections[""] = updates, sorted(set(points or usual)), sorted(set(supports or usual_supports)), *rest
+        sections[""] = updates, *(QUICK if quick else FULL)
         sections |= {"pipeline": (pipeline,)} if live else {}
     return _run(sections, json)
 

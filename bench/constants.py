@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.paper.pushes import NOISES, Studied, filmed, moved, objects, of_table_1, shapes
-from bench.paper.spoilt import AFTER, BEFORE, SHIFTS, SPOILT, with_bad_push, with_moved_load
+from bench.paper.pushes import NOISES, Studied, filmed, moved, objects, of_table_1
+from bench.paper.spoilt import CHANGE, runs
 from bench.public_pushes import DRAWS, FEW, PublicSet, center_off, sets_in
 from pushfric_core import TABLE_1, Observation, Twist, believe
 from pushfric_core.belief import constants
@@ -63,7 +63,7 @@ class Case(NamedTuple):
     part: str  # SIMULATION, or one of HALVES
     points: Array  # (n, 2) support points [m]
     data: Sequence[Observation]
-    right: Any  # p_CF (2,) [m]; mu_c; the bad push, "change" or None; the code of the mistake, or None
+    right: Any  # p_CF (2,) [m]; mu_c; the bad push, CHANGE or None; the code of the mistake, or None
 
 
 class Trial(NamedTuple):
@@ -112,8 +112,8 @@ def measure(seeds: int, folders: Sequence[pathlib.Path], run: Callable[[list[Tri
         chosen = {half: Trial("p_CF", _chosen(gains, half), seeds, where) for half in HALVES}
         found |= dict(run(list(chosen.values())))
         for half, trial in chosen.items():
-            halves |= {f"{half}, used": _judged(found[plain["p_CF"]], half), f"{half}, chosen": _judged(found[trial], half)}
-            halves[f"{half}, chosen"]["values"] = _said(trial.values)
+            for whose, one in (("used", plain["p_CF"]), ("chosen", trial)):
+                halves[f"{half}, {whose}"] = {"values": _said(one.values), **_judged(found[one], half)}
     return {"gains": {_said(trial.values): {"topic": trial.topic, **gain} for trial, gain in gains.items()}, "halves": halves}
 
 
@@ -142,7 +142,6 @@ def _chosen(gains: Mapping[Trial, Numbers], half: str) -> Values:
 def _judged(scored: Sequence[Score], half: str) -> Numbers:
     cases = [one for one in scored if one.part == half]
     return {
-        "values": "",
         "cases": len(cases),
         "held": sum(one.held for one in cases),
         "score": float(np.mean([one.score for one in cases])),
@@ -167,17 +166,13 @@ def others(name: str) -> list[Any]:
 def set_to(values: Values) -> Iterator[None]:
     """Constants of the belief have these values meanwhile, in all of its modules."""
     room = constants.__name__.rpartition(".")[0]
-    modules = [vars(module) for name, module in list(sys.modules.items()) if name.startswith(room)]
-    before = {name: getattr(constants, name) for name, _ in values}
-    for module, (name, value) in itertools.product(modules, values):
-        if name in module:
-            module[name] = value
-    try:
+    modules = [module for name, module in list(sys.modules.items()) if name.startswith(room)]
+    with contextlib.ExitStack() as stack:
+        for module, (name, value) in itertools.product(modules, values):
+            if hasattr(module, name):
+                stack.callback(setattr, module, name, getattr(module, name))
+                setattr(module, name, value)
         yield
-    finally:
-        for module, (name, value) in itertools.product(modules, before.items()):
-            if name in module:
-                module[name] = value
 
 
 def scores(trial: Trial) -> Scored:
@@ -189,7 +184,6 @@ def scores(trial: Trial) -> Scored:
 
 def _region(case: Case) -> Score:
     model = believe(case.points, case.data)
-    assert model is not None
     error, square = center_off(model, case.right)
     size = float(np.ptp(case.points, axis=0).max())
     density = -square / 2 - math.log(np.linalg.det(model.covariance) / size**4) / 2
@@ -198,7 +192,6 @@ def _region(case: Case) -> Score:
 
 def _mu_c(case: Case) -> Score:
     model = believe(case.points, case.data)
-    assert model is not None
     return Score(case.part, -ranked(np.log(model.mu_c), model.share, math.log(case.right)))
 
 
@@ -213,7 +206,7 @@ def _doubts(case: Case) -> Score:
     rejected, changed = {one.push_id for one in doubts.rejected}, doubts.change is not None
     if case.right is None:
         return Score(case.part, -FALSE_ALARM * (changed or bool(rejected)))
-    return Score(case.part, float(changed if case.right == "change" else case.right in rejected))
+    return Score(case.part, float(changed if case.right == CHANGE else case.right in rejected))
 
 
 def _mistakes(case: Case) -> Score:
@@ -234,9 +227,9 @@ def cases(topic: str, seeds: int, folders: tuple[pathlib.Path, ...]) -> list[Cas
 
 def _studied(seeds: int, salt: int) -> Iterator[tuple[Studied, list[PlannedPush], np.random.Generator]]:
     """Each simulated object with all its pushes, and chance of its own."""
-    for seed, (number, studied) in itertools.product(range(seeds), enumerate((objects() | shapes()).values())):
+    for seed, (number, studied) in itertools.product(range(seeds), enumerate(objects().values())):
         rng = np.random.default_rng((seed, number, salt))
-        yield studied, even_pushes(studied.outline, studied.plans["all"]), rng
+        yield studied, even_pushes(studied.outline, studied.counts), rng
 
 
 def _simulated(seeds: int) -> Iterator[Case]:
@@ -269,16 +262,9 @@ def _sliding(seeds: int) -> Iterator[Case]:
 
 
 def _spoilt(seeds: int) -> Iterator[Case]:
-    for studied, plan, rng in _studied(seeds, 9):
-        pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
-        before = moved(studied, pushes, rng)
-        seen: list[tuple[Any, list[Any]]] = [(None, before)]
-        seen += [with_bad_push(kind, before, rng) for kind in SPOILT]
-        for shift in SHIFTS:
-            other = studied._replace(support=with_moved_load(studied.support, shift, rng))
-            seen.append(("change", [*before[:BEFORE], *moved(other, pushes[:AFTER], rng)]))
-        for spread, (right, frames) in itertools.product(NOISES.values(), seen):
-            yield Case(SIMULATION, studied.support_points, filmed(studied.outline, frames, spread, rng), right)
+    for studied, _, rng in _studied(seeds, 9):
+        for _, right, data in runs(studied, rng):
+            yield Case(SIMULATION, studied.support_points, data, right)
 
 
 def _wrong(seeds: int) -> Iterator[Case]:

@@ -9,6 +9,8 @@ import numpy as np
 from rclpy.serialization import serialize_message
 
 from bench import footprint, pipeline
+from bench.display import Figures
+from bench.processes import OBJECT
 from docs.markdown import replaced, table
 from pushfric_core import Estimate, Estimator, load
 from pushfric_core.estimation.estimate_report import BoundsReport, EstimateReport
@@ -24,8 +26,6 @@ ROUNDS = 7
 
 PARTS = ("program: w, p_CF and the certificate", "verdict", "lower bounds of mu_c", "message", "serialised")
 """The work for one observation."""
-
-Figures = dict[str, Any]
 
 
 def measure(progress: Callable[[str], None]) -> Figures:
@@ -63,7 +63,7 @@ def measure(progress: Callable[[str], None]) -> Figures:
 def _observation() -> Figures:
     """Median CPU time of each part of the work for one observation [ms]."""
     observations = load(footprint.DEMO_BAG)
-    support_points = load_object(footprint.OBJECT).support_points
+    support_points = load_object(OBJECT).support_points
     spent: list[list[float]] = []
     for _ in range(ROUNDS):
         estimator = Estimator(support_points)
@@ -77,7 +77,7 @@ def _observation() -> Figures:
 
 
 def _message(estimate: Estimate, verdict: Verdict, bounds: BoundsReport) -> FrictionEstimate:
-    return estimate_to_msg(EstimateReport.of(estimate, footprint.OBJECT, None, verdict=verdict, bounds=bounds))
+    return estimate_to_msg(EstimateReport.of(estimate, OBJECT, None, verdict=verdict, bounds=bounds))
 
 
 def _timed(work: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:

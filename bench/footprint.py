@@ -5,33 +5,32 @@ The same run measures the memory of a bare rclpy node: one publisher, one subscr
 Memory is the proportional set size: a page that several processes share is divided among them.
 """
 
-import os
 import pathlib
 import re
+import resource
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
-from typing import Any
 
 import numpy as np
 import psutil
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
-from bench.display import Verdict
-from bench.processes import cpu_of_ended_children, running
-from pushfric_ros.commands.demo import demo_cell
+from bench.display import Figures, Verdict
+from bench.processes import OBJECT, cell_of
+from faults.cell_run import new_run
+from pushfric_ros.faults.processes import NODES, end, started
 from pushfric_ros.graph import fork_server, graph
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_QUEUE
 from pushfric_ros.node_kit.visit import visit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-OBJECT = "rubber_rect4"
 DEMO_BAG = ROOT / "bags" / OBJECT
 
 WATCHED = 8.0
@@ -52,8 +51,6 @@ print("ready", flush=True)
 rclpy.spin(node)
 """
 
-Figures = dict[str, Any]
-
 
 def measure(progress: Callable[[str], None]) -> Figures:
     """Run the commands, the demo, and its nodes.
@@ -61,28 +58,20 @@ def measure(progress: Callable[[str], None]) -> Figures:
     Returns:
         "memory_mib": of each process of the demo and their "total"; "bare_memory_mib". "help_cpu_s" and "estimate_cpu_s":
         medians. "first_pose_s": median time from the start of the command line's process.
-        "end_s": from SIGINT to the end of the last process, of the estimator ("alone"), of all six nodes ("together") and of
-        these while every core is busy ("together_busy"); "end_codes": exit codes other than 0.
+        "end_s": from SIGINT to the end of the last process, of the estimator ("alone") and of all six nodes ("together");
+        "end_codes": exit codes other than 0.
     """
-    progress("help")
-    help_cpu = _cpu([ROOT / "pushfric", "--help"])
-    progress("estimate")
-    estimate_cpu = _cpu([ROOT / "pushfric", "estimate", DEMO_BAG])
+    figures: Figures = {}
+    for name, arguments in (("help", ["--help"]), ("estimate", ["estimate", DEMO_BAG])):
+        progress(name)
+        figures[f"{name}_cpu_s"] = _cpu([ROOT / "pushfric", *arguments])
     progress("memory of the demo")
-    started = demo()
-    codes: dict[str, int] = {}
-    ends = {}
-    for name, busy in (("alone", False), ("together", False), ("together_busy", True)):
-        progress(f"end of nodes, {name.replace('_', ', ')}")
-        ends[name], ended = _end(("estimator",) if name == "alone" else (), busy)
-        codes |= {f"{node}, {name}": code for node, code in ended.items() if code}
-    return {
-        **started,
-        "help_cpu_s": help_cpu,
-        "estimate_cpu_s": estimate_cpu,
-        "end_s": ends,
-        "end_codes": codes,
-    }
+    figures |= demo() | {"end_s": {}, "end_codes": {}}
+    for name, nodes in (("alone", ("estimator",)), ("together", NODES)):
+        progress(f"end of nodes, {name}")
+        figures["end_s"][name], codes = _end(nodes)
+        figures["end_codes"] |= {f"{node}, {name}": code for node, code in codes.items() if code}
+    return figures
 
 
 def verdicts(figures: Figures) -> Iterator[Verdict]:
@@ -101,12 +90,12 @@ def verdicts(figures: Figures) -> Iterator[Verdict]:
 
 def _cpu(arguments: list[str | pathlib.Path]) -> float:
     """CPU time of a command and its children [s]: the median of several calls, after one that warms the caches."""
-    seconds = []
+    spent = []
     for _ in range(ROUNDS + 1):
-        before = cpu_of_ended_children()
         subprocess.run(arguments, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-        seconds.append(cpu_of_ended_children() - before)
-    return float(np.median(seconds[1:]))
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        spent.append(usage.ru_utime + usage.ru_stime)
+    return float(np.median(np.diff(spent)))
 
 
 def demo(rounds: int = ROUNDS) -> Figures:
@@ -115,12 +104,12 @@ def demo(rounds: int = ROUNDS) -> Figures:
     Returns:
         "memory_mib", "bare_memory_mib" and "first_pose_s", as `measure`.
     """
-    with ExitStack() as stack:
-        bare = stack.enter_context(running([sys.executable, "-c", BARE_NODE], stdout=subprocess.PIPE))
-        bare.stdout.readline()
+    with new_run() as bare:
+        bare.start(sys.executable, "-c", BARE_NODE)
+        bare.wait_for_output("ready")
         first_poses = [_started_demo(0.0)[0] for _ in range(rounds - 1)]
         first_pose, samples = _started_demo(WATCHED)
-        bare_memory = _memory(psutil.Process(bare.pid))
+        bare_memory = _memory(psutil.Process(bare.process.pid))
     largest = max(samples, key=lambda sample: sum(sample.values()))
     return {
         "memory_mib": largest | {"total": sum(largest.values())},
@@ -133,54 +122,42 @@ def _started_demo(watched: float) -> tuple[float, list[dict[str, float]]]:
     """How long a demo takes to its first pose [s], and its memory, sampled for some time from then on [s]."""
     poses: list[int] = []  # when they were published [ns]
     samples: list[dict[str, float]] = []
-    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
-        here = stack.enter_context(visit("bench", graph.NAMESPACE))
+    with new_run() as run, visit("bench", graph.NAMESPACE) as here:
         here.node.create_subscription(
             PoseWithCovarianceStamped, "object_pose", lambda _, info: poses.append(info["source_timestamp"]), SENSOR_QUEUE
         )
-        started = time.time_ns()
-        arguments = [sys.executable, "-m", "pushfric_core", "demo", "--headless", "--bag", f"{folder}/bag"]
-        run = stack.enter_context(running(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
-        deadline = time.monotonic() + EVENT_TIMEOUT
-        while time.monotonic() < deadline:
+        begin = time.time_ns()
+        run.demo()
+        run.wait_for(lambda: here.spin_once(0.05) or poses or run.ended, "a pose")
+        deadline = time.monotonic() + watched
+        while not samples or time.monotonic() < deadline:
+            if run.ended:
+                raise RuntimeError(f"the demo ended early:\n{run.output}")
+            samples.append(_memory_of_family(run.process.pid))
             here.spin_once(0.1)
-            if run.poll() is not None:
-                raise RuntimeError(f"the demo ended early:\n{run.stderr.read()}")
-            if poses:
-                deadline = min(deadline, time.monotonic() + watched) if not samples else deadline
-                samples.append(_memory_of_family(run.pid))
-        if not samples:
-            raise RuntimeError(f"no pose within {EVENT_TIMEOUT:g} s")
-        run.send_signal(signal.SIGINT)
-        run.communicate(timeout=EVENT_TIMEOUT)
-    return (poses[0] - started) / 1e9, samples
+        run.process.send_signal(signal.SIGINT)
+        run.wait_for_end()
+    return (poses[0] - begin) / 1e9, samples
 
 
-def _end(names: tuple[str, ...], busy: bool) -> tuple[float, dict[str, int]]:
-    """Start the named nodes of the simulated cell, or all, and interrupt them; return the time [s] and the exit codes."""
-    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as name, ExitStack() as stack:
-        folder, up = pathlib.Path(name), set()
+def _end(names: Sequence[str]) -> tuple[float, dict[str, int]]:
+    """Start these nodes of the simulated cell, and interrupt them; return the time [s] and the exit codes."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
+        up: set[str] = set()
         here = stack.enter_context(visit("bench", graph.NAMESPACE))
         here.node.create_subscription(
             DiagnosticArray, "/diagnostics", lambda msg: up.update(status.name for status in msg.status), RELIABLE
         )
-        specs = graph.simulated_cell(demo_cell(OBJECT, folder), str(folder / "bag"), seed=0, speed=1.0)
-        processes = {
-            spec.name: stack.enter_context(
-                running(command(spec, graph.NAMESPACE, folder), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            )
-            for spec in specs
-            if not names or spec.name in names
-        }
-        awaited = {f"{graph.NAMESPACE}/{node}" for node in processes}
+        commands = {one.name: command(one, graph.NAMESPACE, pathlib.Path(folder)) for one in cell_of(folder)}
+        processes = {name: started(commands[name], pathlib.Path(folder), subprocess.DEVNULL) for name in names}
+        for process in processes.values():
+            stack.callback(end, process)
+        awaited = {f"{graph.NAMESPACE}/{node}" for node in names}
         deadline = time.monotonic() + EVENT_TIMEOUT
         while not up >= awaited:
             if time.monotonic() > deadline:
                 raise RuntimeError(f"no report of {', '.join(sorted(awaited - up))} within {EVENT_TIMEOUT:g} s")
             here.spin_once(0.1)
-        if busy:
-            for _ in range(2 * (os.cpu_count() or 1)):
-                stack.enter_context(running([sys.executable, "-c", "while True: pass"]))
         begin = time.monotonic()
         for process in processes.values():  # all at once, as a terminal does
             process.send_signal(signal.SIGINT)
@@ -194,7 +171,9 @@ def _memory_of_family(pid: int) -> dict[str, float]:
     command_line = psutil.Process(pid)
     for member in (command_line, *command_line.children(recursive=True)):
         with suppress(psutil.NoSuchProcess):  # it has ended since
-            name = _name(" ".join(member.cmdline()))
+            arguments = " ".join(member.cmdline())
+            node = re.search(r" __node:=(\w+)", arguments)
+            name = "fork server" if fork_server.__name__ in arguments else node[1] if node else "command line"
             found[name] = found.get(name, 0.0) + _memory(member)
     return found
 
@@ -202,11 +181,3 @@ def _memory_of_family(pid: int) -> dict[str, float]:
 def _memory(process: psutil.Process) -> float:
     """The proportional set size [MiB]."""
     return float(process.memory_full_info().pss) / 2**20
-
-
-def _name(arguments: str) -> str:
-    """The name of a process of the demo, from its arguments."""
-    if fork_server.__name__ in arguments:
-        return "fork server"
-    node = re.search(r" __node:=(\w+)", arguments)
-    return node[1] if node is not None else "command line"

@@ -14,7 +14,6 @@ import tempfile
 import time
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,18 +22,16 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
-from bench.processes import cpu_of_ended_children
+from bench.display import Figures
+from bench.processes import Run, cell_of
 from pushfric_core import TrajectoryConfig
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_msgs.msg import FrictionEstimate, PusherState
-from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.graph import NodeSpec
-from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE
 
-OBJECT = "rubber_rect4"
 AFTERWARDS = 2.5
 """How long to wait for the last estimates after the plan [s]."""
 
@@ -42,15 +39,13 @@ DEEP = QoSProfile(depth=5000)
 LATCHED = QoSProfile(depth=5000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=5000, reliability=ReliabilityPolicy.BEST_EFFORT)
 
-Figures = dict[str, Any]
-
 
 def measure(progress: Callable[[str], None]) -> Figures:
-    """Run the demo's cell once in real time; see `Listener.latency`, and the cores that its nodes took."""
+    """Run the demo's cell once in real time; see `Listener.latency`."""
     progress("live graph")
     listener = Listener()
     run(listener)
-    return {**listener.latency(), "cores": listener.cores}
+    return listener.latency()
 
 
 class Listener:
@@ -61,7 +56,6 @@ class Listener:
     """
 
     def __init__(self, images: bool = True) -> None:
-        self.cores = 0.0  # CPU time of all nodes over wall time, over the whole run
         self._sees = images
         self.images: dict[int, int] = {}
         self.poses: dict[int, int] = {}
@@ -112,16 +106,11 @@ def run(listener: Listener, changed: Callable[[list[NodeSpec]], list[NodeSpec]] 
         listener: hears of the run.
         changed: makes other nodes of the cell's.
     """
-    said: list[str] = []
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, visit("bench", graph.NAMESPACE, images=True) as here:
-        specs = graph.simulated_cell(demo_cell(OBJECT, Path(folder)), f"{folder}/bag", seed=0, speed=1.0)
         listener.subscribe(here.node)
-        begin, cpu_before, ended, until = time.monotonic(), cpu_of_ended_children(), None, math.inf
-        with Supervisor(changed(specs), graph.NAMESPACE, lambda name, line: said.append(f"{name}: {line}")) as supervisor:
+        until = math.inf
+        with Run(changed(cell_of(folder))) as cell:
             while time.monotonic() < until:
                 here.spin_once(0.05)
-                if ended is None and (ended := supervisor.poll()) is not None:
+                if until == math.inf and cell.finished():
                     until = time.monotonic() + AFTERWARDS
-                    if ended.code:
-                        raise RuntimeError("\n".join([*said[-5:], ended.reason]))
-        listener.cores = (cpu_of_ended_children() - cpu_before) / (time.monotonic() - begin)

@@ -9,49 +9,30 @@ import itertools
 import math
 import pathlib
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 from rich.table import Table
 
-from bench.display import plain_tables
+from bench.display import Figures, plain_tables
 from bench.paper.pushes import estimated
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
-from bench.public.strokes import STROKES, Stroke, data_points, read_strokes
+from bench.public.strokes import STROKES, Stroke, observed, read_strokes
 from docs.markdown import table
-from pushfric_core import (
-    Estimate,
-    InvalidInput,
-    NamedEllipsoid,
-    Observation,
-    PushingLine,
-    Support,
-    believe,
-    named_ellipsoid,
-)
+from pushfric_core import Estimate, InvalidInput, Observation, PushingLine, Support, believe
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.estimation.picture import draw_support_friction
 from pushfric_core.files.disk import write_whole
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.figure_file import save_figure
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectModel, load_object
+from pushfric_core.geometry import planar
 from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import (
-    LEAST_DIVISOR,
-    Array,
-    Pose,
-    Twist,
-    compose,
-    exp,
-    inverse,
-    left_of,
-    log,
-    rotation,
-    transform,
-)
+from pushfric_core.geometry.planar import Array, Pose, Twist, rotation, transform
+from pushfric_core.mechanics.limit_surface import NamedEllipsoid, named_ellipsoid
 from pushfric_core.mechanics.prediction import ELLIPSE, ELLIPSOID, FrictionModel
 from pushfric_core.mechanics.simulation import TOUCHING
 from pushfric_core.mechanics.strokes import STEP, Strokes, predict_strokes
@@ -87,7 +68,8 @@ CONTENDERS = {
 }
 """Who predicts, and what a table calls them."""
 
-Figures = dict[str, Any]
+MU_C = {"mu_c": "value", "mu_c_low": "low", "mu_c_high": "high"}
+"""Figures about mu_c, and the fields of `MuC`."""
 
 
 class PublicSet(NamedTuple):
@@ -99,6 +81,7 @@ class PublicSet(NamedTuple):
     strokes: Sequence[Stroke]
     observations: Sequence[Observation | None]  # of each stroke; None: it is no observation
     steps: Sequence[Sequence[Observation]]  # of each stroke, whether or not it is an observation
+    groups: Sequence[int]  # each stroke's push, or the run to which it belongs: fitted or rolled out together
     quartic: Sequence[Pose | None]  # where a published quartic predicts each stroke to end
 
     @property
@@ -106,11 +89,6 @@ class PublicSet(NamedTuple):
         """p_CF (2,) [m] if the pressure is even: the centroid of the outline."""
         centroid = self.model.outline.polygon.centroid
         return np.array((centroid.x, centroid.y))
-
-    def group(self, row: int) -> int:
-        """What a stroke is fitted together with: its push, or its run, if it belongs to one."""
-        point, run = self.observations[row], self.strokes[row].run
-        return point.push_id if point is not None else row if run is None else run
 
     @property
     def data(self) -> list[Observation]:
@@ -145,8 +123,7 @@ def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[s
     draw_errors(rows, plot)
     gallery(sets, estimates, plot.with_stem(f"{plot.stem}_gallery"))
     write_whole(plot.with_suffix(".md"), table(*_cells(rows)))
-    pairs = itertools.combinations(zip(sets, estimates, strict=True), 2)
-    return {"sets": rows, "surfaces": [_compared(*pair) for pair in pairs if _of_one_object(*(one for one, _ in pair))]}
+    return {"sets": rows, "surfaces": list(_surfaces(sets, [belief for _, belief in estimates]))}
 
 
 def tables(figures: Figures) -> Iterator[Table]:
@@ -162,25 +139,14 @@ def tables(figures: Figures) -> Iterator[Table]:
         yield from plain_tables("Public pushes: one object in two sets", figures["surfaces"])
 
 
-Judged = tuple[PublicSet, tuple[Estimate, FrictionModel]]
-
-
-def _of_one_object(one: PublicSet, other: PublicSet) -> bool:
-    return (one.folder, one.model.name) == (other.folder, other.model.name)
-
-
-def _compared(one: Judged, other: Judged) -> Figures:
+def _surfaces(sets: Sequence[PublicSet], beliefs: Sequence[FrictionModel]) -> Iterator[Figures]:
     """Whether the regions of two sets of one object, on two surfaces, allow that its p_CF is the same."""
-    (_, first), (_, second) = one[1], other[1]
-    assert first.covariance is not None
-    assert second.covariance is not None
-    apart = first.center_of_friction - second.center_of_friction
-    return {
-        "object": one[0].model.name,
-        "sets": [one[0].name, other[0].name],
-        "apart": float(np.hypot(*apart)),
-        "agree": bool(apart @ np.linalg.solve(first.covariance + second.covariance, apart) <= ELLIPSE),
-    }
+    for (one, first), (other, second) in itertools.combinations(zip(sets, beliefs, strict=True), 2):
+        if (one.folder, one.model.name) == (other.folder, other.model.name):
+            apart = first.center_of_friction - second.center_of_friction
+            agree = bool(apart @ np.linalg.solve(first.covariance + second.covariance, apart) <= ELLIPSE)
+            names = [one.name, other.name]
+            yield {"object": one.model.name, "sets": names, "apart": float(np.hypot(*apart)), "agree": agree}
 
 
 def sets_in(folder: pathlib.Path) -> list[PublicSet]:
@@ -208,26 +174,25 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     name = path.name.removesuffix(STROKES)
     model = load_object(str(path.with_name(f"{name.rpartition('_')[2]}.yaml")))
     strokes = read_strokes(path)
-    data = data_points(strokes, model.outline)
+    data = observed(strokes, model.outline)
     other = path.with_name(f"{name}{POLY4}")
     quartic = {(one.before, one.tip_before): one.predicted for one in (read_strokes(other) if other.is_file() else ())}
     runs = [row if one.run is None else one.run for row, one in enumerate(strokes)]
     steps = [_steps(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
-    return PublicSet(
-        path.parent.name, name, model, strokes, data, steps, [quartic.get((one.before, one.tip_before)) for one in strokes]
-    )
+    ends = [quartic.get((one.before, one.tip_before)) for one in strokes]
+    return PublicSet(path.parent.name, name, model, strokes, data, steps, runs, ends)
 
 
 def _steps(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
     """A stroke in steps of about STRETCH: what the belief takes of it, with the object on the screw between the poses seen."""
-    motion = log(compose(inverse(stroke.before), stroke.after))
+    motion = planar.log(planar.compose(planar.inverse(stroke.before), stroke.after))
     way = np.subtract(stroke.tip_after, stroke.tip_before)
     count = max(1, math.ceil(float(np.linalg.norm(way)) / STRETCH))
     steps = []
     for step in range(count if any(motion) else 0):
         share = (step + 0.5) / count
-        pose = compose(stroke.before, exp(motion, share))
-        touch = outline.nearest(transform(inverse(pose), np.add(stroke.tip_before, share * way)))
+        pose = planar.compose(stroke.before, planar.exp(motion, share))
+        touch = outline.nearest(transform(planar.inverse(pose), np.add(stroke.tip_before, share * way)))
         (x, y), (nx, ny), (vx, vy) = touch.point.tolist(), touch.normal.tolist(), (rotation(-pose.theta) @ way / count).tolist()
         turned = Twist(*(value / count for value in motion))
         steps.append(Observation((x, y), (nx, ny), turned, push_id, duration=1.0, stamp=step + 1, tip_velocity=(vx, vy)))
@@ -240,9 +205,10 @@ def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[
     strokes = []
     for one in known:
         begin, end = (np.add(one.contact_point, np.multiply(half, one.tip_velocity)).tolist() for half in (-0.5, 0.5))
-        before, after = exp(one.twist, -0.5), exp(one.twist, 0.5)
+        before, after = planar.exp(one.twist, -0.5), planar.exp(one.twist, 0.5)
         strokes.append(Stroke(before, after, (begin[0], begin[1]), (end[0], end[1]), tip_radius=0.0))
-    return PublicSet(folder, name, model, strokes, known, [[one] for one in known], [None] * len(known))
+    groups = [one.push_id for one in known]
+    return PublicSet(folder, name, model, strokes, known, [[one] for one in known], groups, [None] * len(known))
 
 
 class Line(NamedTuple):
@@ -276,7 +242,7 @@ def _to_outline(stroke: Stroke, outline: Outline) -> Array:
     """
     if not stroke.tip_radius:
         return np.zeros(2)
-    touch = outline.nearest(transform(inverse(stroke.before), stroke.tip_before))
+    touch = outline.nearest(transform(planar.inverse(stroke.before), stroke.tip_before))
     return rotation(stroke.before.theta) @ touch.normal * (stroke.tip_radius - touch.distance)
 
 
@@ -291,13 +257,12 @@ def _measured(
     one: PublicSet, whole: Estimate, belief: FrictionModel, lines: dict[int, Line], rng: np.random.Generator
 ) -> Figures:
     outline = one.model.outline
-    groups = rng.permutation(sorted({one.group(row) for row in lines}))
+    groups = rng.permutation(sorted({one.groups[row] for row in lines}))
     fitted = set(groups[: len(groups) // 2].tolist())
-    half = [row for row in lines if one.group(row) in fitted]
-    rows = rng.permutation([row for row in lines if one.group(row) not in fitted])[:ROLLED].tolist()
+    half = [row for row in lines if one.groups[row] in fitted]
+    rows = rng.permutation([row for row in lines if one.groups[row] not in fitted])[:ROLLED].tolist()
     by_half = believed(one, half)
     by_few = [believed(one, rng.permutation(half)[:FEW].tolist()) for _ in range(DRAWS)]
-    mu_c = belief.known_mu_c
     figures: Figures = {
         "folder": one.folder,
         "set": one.name,
@@ -305,9 +270,7 @@ def _measured(
         "data_points": len(one.data),
         "program_error": float(np.hypot(*(whole.center_of_friction - one.label))),
         **_center(belief, one.label),
-        "mu_c": None if mu_c is None else mu_c.value,
-        "mu_c_low": None if mu_c is None else mu_c.low,
-        "mu_c_high": None if mu_c is None else mu_c.high,
+        **{key: getattr(belief.known_mu_c, name, None) for key, name in MU_C.items()},
         "few": [_center(model, one.label) for model in by_few],
         "rolled": len(rows),
     }
@@ -336,7 +299,6 @@ def _center(model: FrictionModel, label: Array) -> Figures:
 
 def center_off(model: FrictionModel, label: Array) -> tuple[float, float]:
     """How far p_CF is off [m], and the square of that in units of its covariance; at ELLIPSE ends the 90 % region."""
-    assert model.covariance is not None
     off = model.center_of_friction - label
     return float(np.hypot(*off)), float(off @ np.linalg.solve(model.covariance, off))
 
@@ -353,7 +315,7 @@ def _rolled(model: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> S
 def _within(strokes: Strokes, truth: Array, arm: float) -> float:
     """The share of k strokes that end, at poses (k, 3), in the 90 % region claimed for them; an angle has an arm [m]."""
     off = _apart(strokes.means, truth) * (1.0, 1.0, arm)
-    covariances = strokes.covariance * np.outer((1.0, 1.0, arm), (1.0, 1.0, arm)) + LEAST_DIVISOR * np.eye(3)
+    covariances = strokes.covariance * np.outer((1.0, 1.0, arm), (1.0, 1.0, arm)) + planar.LEAST_DIVISOR * np.eye(3)
     squares = np.sum(off * np.linalg.solve(covariances, off[..., None])[..., 0], axis=1)
     return float(np.mean(squares <= ELLIPSOID))
 
@@ -377,16 +339,17 @@ def _rolled_ellipsoid(uniform: FrictionModel, outline: Outline, chosen: Sequence
     for pose, line, _, end in chosen:
         while (touch := line.touch(outline, pose)) is not None and end - touch.distance > TOUCHING:
             depth = min(end - touch.distance, STEP)
-            halfway = compose(pose, exp(motion(pose, line, touch), depth / 2))
+            halfway = planar.compose(pose, planar.exp(motion(pose, line, touch), depth / 2))
             then = line.touch(outline, halfway)
-            pose = compose(pose, exp(motion(pose, line, touch) if then is None else motion(halfway, line, then), depth))
+            turned = motion(pose, line, touch) if then is None else motion(halfway, line, then)
+            pose = planar.compose(pose, planar.exp(turned, depth))
         ends.append(pose)
     return np.array(ends)
 
 
 def ellipsoid_motion(ellipsoid: NamedEllipsoid, mu_c: float, point: Array, normal: Array, velocity: Array) -> Array:
     """The motion (3,) of an object with this limit surface, in closed form (Lynch, Maekawa and Tanie 1992)."""
-    jacobian = np.column_stack((np.eye(2), left_of(point)))
+    jacobian = np.column_stack((np.eye(2), planar.left_of(point)))
     force = np.linalg.solve(jacobian @ ellipsoid.form @ jacobian.T, velocity)
     along = tangent(normal)
     if slides := abs(force @ along) > -mu_c * (force @ normal):

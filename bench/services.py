@@ -23,15 +23,16 @@ from rclpy.node import Node
 from rclpy.task import Future
 
 from bench import pipeline
-from bench.display import Verdict
+from bench.display import Figures, Verdict
 from bench.paper import pushes
-from bench.processes import running
+from bench.processes import OBJECT
 from pushfric_core import TABLE_1, friction_model
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import PlannerConfig
 from pushfric_core.estimation.verdict import Verdict as EstimateVerdict
 from pushfric_msgs.msg import FrictionModel, Heartbeat, PusherState
 from pushfric_msgs.srv import PredictPush
+from pushfric_ros.faults.processes import end, started
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import command
 from pushfric_ros.messages.conversions import MODEL_TOPIC, friction_model_to_msg
@@ -50,12 +51,10 @@ CLIENTS, AT_ONCE, EACH, TIMES = 50, 200, 100, 20
 
 PATIENCE = 60.0  # [s]
 
-Figures = dict[str, Any]
-
 
 def question(count: int) -> PredictPush.Request:
     """A number of pushes all over the outline of the demo's object, always the same."""
-    rng, outline = np.random.default_rng(count), TABLE_1[pipeline.OBJECT].outline
+    rng, outline = np.random.default_rng(count), TABLE_1[OBJECT].outline
     edges = rng.integers(len(outline.edges), size=count)
     points = outline.vertices[edges] + rng.uniform(0.1, 0.9, (count, 1)) * outline.edges[edges]
     normals = outline.normals[edges]
@@ -81,9 +80,9 @@ def measure(progress: Callable[[str], None]) -> Figures:
     """Run the whole plan of the demo's cell once, and let many clients ask a planner.
 
     Returns:
-        By kind of push: "answers" to questions about one push, and "estimates": {count, p50_ms, p90_ms, p99_ms}; the same of
-        answers about many ("answers_to_many"); and "heartbeat_gap_s": the longest. "crowd": {"at_once": number of answers to
-        AT_ONCE calls; "in_a_row": number of answers to CLIENTS x TIMES calls, "p50_ms", "p99_ms"}.
+        By kind of push: "answers" to questions about one push, and "estimates": {count, p50_ms, p90_ms, p99_ms}; and
+        "heartbeat_gap_s": the longest. "crowd": {"at_once": number of answers to AT_ONCE calls; "in_a_row": number of answers
+        to CLIENTS x TIMES calls, "p50_ms", "p99_ms"}.
     """
     progress("answers while a cell pushes")
     planner = _Planner()
@@ -118,7 +117,6 @@ class _Planner(pipeline.Listener):
         self._now: str | None = None  # kind of the present push
         self._pending: Future | None = None  # the last answer about MANY pushes
         self._answers: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [ms]
-        self._answers_to_many: list[float] = []  # [ms]
         self._gaps: dict[str, list[float]] = {kind: [] for kind in KINDS}  # [s]
         self._beat: int | None = None  # when the last heartbeat was published [ns]
 
@@ -139,7 +137,6 @@ class _Planner(pipeline.Listener):
                 delays[_kind(push)].append((published - max(pose, state)) / 1e6)
         return {
             "answers": {kind: _spread(values) for kind, values in self._answers.items() if kind != "quiet"},
-            "answers_to_many": _spread(self._answers_to_many),
             "estimates": {kind: _spread(values) for kind, values in delays.items()},
             "heartbeat_gap_s": {kind: max(values, default=math.nan) for kind, values in self._gaps.items()},
         }
@@ -149,7 +146,7 @@ class _Planner(pipeline.Listener):
             return
         timed(self._client, self._one, self._answers[self._now])
         if self._now == "loaded" and (self._pending is None or self._pending.done()):
-            self._pending = timed(self._greedy, self._many, self._answers_to_many)
+            self._pending = self._greedy.call_async(self._many)
 
     def _on_heartbeat(self, msg: Heartbeat, info: dict[str, Any]) -> None:
         if not msg.node.endswith("/estimator"):
@@ -170,17 +167,16 @@ def _kind(push: int) -> str:
 
 def _crowd() -> Figures:
     """Many clients of a planner that has only its topic."""
-    name = pipeline.OBJECT
-    known = TABLE_1[name]
-    data = pushes.watch(name, pushes.motions(name, pushes.plan(name), 0), 0)
+    known = TABLE_1[OBJECT]
+    data = pushes.watch(OBJECT, pushes.motions(OBJECT, pushes.plan(OBJECT), 0), 0)
     estimate = pushes.estimated(data, known.support_points)[1]
-    msg = friction_model_to_msg(name, known.outline, estimate, friction_model(estimate), EstimateVerdict())
+    msg = friction_model_to_msg(OBJECT, known.outline, estimate, friction_model(estimate), EstimateVerdict())
     asked = question(EACH)
     with tempfile.TemporaryDirectory(prefix="pushfric-bench-") as folder, ExitStack() as stack:
         here = stack.enter_context(visit("bench", graph.NAMESPACE))
         here.node.create_publisher(FrictionModel, MODEL_TOPIC, LATCHED).publish(msg)
         arguments = command(graph.NodeSpec("planner"), graph.NAMESPACE, pathlib.Path(folder))
-        stack.enter_context(running(arguments, stdout=subprocess.DEVNULL))
+        stack.callback(end, started(arguments, pathlib.Path(folder), subprocess.DEVNULL))
         # with rclpy's own queues, as another language's client has them; that of `planner_client` is deeper
         names = [f"planner/predict_push/client_{number}" for number in range(CLIENTS)]
         clients = [here.node.create_client(PredictPush, name) for name in names]
@@ -194,24 +190,23 @@ def _crowd() -> Figures:
         answers: list[float] = []  # [ms]
         while not answers:  # until it has the model
             spin(timed(clients[0], asked, answers).done)
-        answers.clear()
-        at_once = [client.call_async(asked) for _ in range(AT_ONCE // CLIENTS) for client in clients]
-        spin(lambda: all(answer.done() for answer in at_once))
 
-        def ask(client: Client, left: int) -> None:
-            def on_answer(answer: Future) -> None:
-                if not answer.result().success:
-                    raise RuntimeError(f"the planner refused a request: {answer.result().message}")
-                ask(client, left - 1)
+        def asked_by_all(at_once: int, in_a_row: int) -> list[float]:
+            """How long the answers to so many calls of each client took [ms]."""
+            answers: list[float] = []
 
-            if left:
-                timed(client, asked, answers).add_done_callback(on_answer)
+            def ask(client: Client, left: int) -> None:
+                if left:
+                    timed(client, asked, answers).add_done_callback(lambda _: ask(client, left - 1))
 
-        for client in clients:
-            ask(client, TIMES)
-        spin(lambda: len(answers) == CLIENTS * TIMES)
-    spread = _spread(answers)
-    return {"at_once": sum(one.done() and one.result().success for one in at_once), "in_a_row": spread.pop("count"), **spread}
+            for client in clients * at_once:
+                ask(client, in_a_row)
+            spin(lambda: len(answers) == CLIENTS * at_once * in_a_row)
+            return answers
+
+        at_once = len(asked_by_all(AT_ONCE // CLIENTS, 1))
+        spread = _spread(asked_by_all(1, TIMES))
+    return {"at_once": at_once, "in_a_row": spread.pop("count"), **spread}
 
 
 def _spread(values: list[float]) -> Figures:

@@ -1,17 +1,13 @@
-"""Strokes in MuJoCo: of the exported models, and of what one would simulate without a model, compared with predictions.
+"""Strokes of the exported models in MuJoCo, compared with predictions."""
 
-Without a model, one assumes uniform pressure and guesses mu_c; that scene is exported in the same way.
-"""
-
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator
 
 import mujoco
 import numpy as np
 
-from bench.display import Verdict
+from bench.display import Figures, Verdict
 from bench.public_pushes import Line
-from pushfric_core import TABLE_1, Outline, PushingLine, Support, export, predict_strokes
+from pushfric_core import TABLE_1, Outline, PushingLine, export, predict_strokes
 from pushfric_core.geometry.planar import Array, Pose
 from pushfric_core.mechanics.prediction import FrictionModel
 
@@ -27,11 +23,7 @@ REST = 300
 STROKE, STROKES, TIP_RADIUS = 0.05, 50, 0.005
 """Length [m], number for each object, and radius of the tip [m]."""
 
-GUESS = 0.3
-"""A mu_c that nobody has measured."""
-
 OBJECTS = tuple(TABLE_1)
-Figures = dict[str, Any]
 
 
 def strokes(outline: Outline, tip_radius: float, rng: np.random.Generator, count: int, length: float) -> list[Line]:
@@ -66,53 +58,31 @@ def pushed(scene: str, pose: Pose, line: PushingLine, begin: float, end: float) 
     return np.array([data.joint(joint).qpos[0] for joint in ("x", "y", "theta")])
 
 
-def distances(scene: str, model: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> tuple[Array, Array]:
-    """How far MuJoCo and the prediction end from each other in each stroke [m], [rad]."""
-    poses, lines, _, ends = zip(*chosen, strict=True)
-    predicted = predict_strokes(model, outline, poses, lines, ends).means
-    apart = np.array([pushed(scene, *one) for one in chosen]) - predicted
-    return np.hypot(apart[:, 0], apart[:, 1]), np.abs(apart[:, 2])
-
-
-def exported(outline: Outline, model: FrictionModel, tip_radius: float) -> str:
-    """The scene of a model."""
-    (scene,) = export(model, outline, "mjcf", pusher_radius=tip_radius).values()
-    return scene
-
-
-def uniform(outline: Outline, mu_c: float) -> FrictionModel:
-    """What one assumes without a model: the same pressure all over the face."""
-    points = outline.grid(9, 9)
-    return FrictionModel.of(Support(points, np.full(len(points), 1 / len(points))), mu_c)
-
-
 def measure(progress: Callable[[str], None]) -> Figures:
     """Strokes of all objects of Table 1 with their true friction, in MuJoCo, against `predict_strokes`.
 
     Returns:
-        {"strokes": [{"object", "scene" (exported, or without a model), "median_mm", "p90_mm", "median_deg", "p90_deg"}]}.
+        {"strokes": [{"object", "median_mm", "p90_mm", "median_deg", "p90_deg"}]}: how far apart they end.
     """
     rows = []
     for number, name in enumerate(OBJECTS):
         progress(f"MuJoCo: {name}")
         known = TABLE_1[name]
         model = FrictionModel.of(known.support, known.mu_c)
+        (scene,) = export(model, known.outline, "mjcf", pusher_radius=TIP_RADIUS).values()
         chosen = strokes(known.outline, TIP_RADIUS, np.random.default_rng(number), STROKES, STROKE)
-        scenes = {"exported": model, "without a model": uniform(known.outline, GUESS)}
-        for scene, shown in scenes.items():
-            apart, turned = distances(exported(known.outline, shown, TIP_RADIUS), model, known.outline, chosen)
-            found = {"object": name, "scene": scene}
-            for unit, values in (("mm", 1e3 * apart), ("deg", np.degrees(turned))):
-                median, most = np.percentile(values, (50, 90)).tolist()
-                found |= {f"median_{unit}": median, f"p90_{unit}": most}
-            rows.append(found)
+        poses, lines, _, ends = zip(*chosen, strict=True)
+        predicted = predict_strokes(model, known.outline, poses, lines, ends).means
+        x, y, turned = (np.array([pushed(scene, *one) for one in chosen]) - predicted).T
+        found = {"object": name}
+        for unit, values in (("mm", 1e3 * np.hypot(x, y)), ("deg", np.degrees(np.abs(turned)))):
+            found[f"median_{unit}"], found[f"p90_{unit}"] = np.percentile(values, (50, 90)).tolist()
+        rows.append(found)
     return {"strokes": rows}
 
 
 def verdicts(figures: Figures) -> Iterator[Verdict]:
     """The targets, next to what was measured."""
     for row in figures["strokes"]:
-        if row["scene"] == "exported":
-            for unit, asked in (("mm", 0.5), ("deg", 1.0)):
-                measured = row[f"median_{unit}"]
-                yield Verdict.at_most(f"stroke in MuJoCo, {row['object']}, {unit}", asked, measured)
+        for unit, asked in (("mm", 0.5), ("deg", 1.0)):
+            yield Verdict.at_most(f"stroke in MuJoCo, {row['object']}, {unit}", asked, row[f"median_{unit}"])

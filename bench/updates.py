@@ -1,5 +1,6 @@
 """The CPU time that each contender needs for one new observation, as a table, and the memory that it takes."""
 
+import contextlib
 import gc
 import itertools
 import math
@@ -7,21 +8,20 @@ import time
 import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 from rich.table import Table
 
 from bench.contenders import CONTENDERS, Contender, NoOptimum, OutOfTime
-from bench.display import Verdict, plain_tables
+from bench.display import Figures, Verdict, plain_tables
 from bench.observations import data_points
 from pushfric_core.solvers.simplex import Simplex
 
 LIMIT = 20.0
 """A contender is left out if an update takes more CPU time than this [s], or if an update or its load is expected to."""
 
-LONGEST_LOAD = 300.0
-"""Nothing is measured if pushfric's own load, a solve after each observation, is expected to take longer than this [s]."""
+LIMITS = {"pushfric": 300.0}
+"""The same of those without which nothing is measured; pushfric's load is a solve after each observation."""
 
 GROWTH = 0.2
 """Updates are measured while the observations grow by at most this fraction; then another sequence of pushes begins."""
@@ -47,8 +47,6 @@ FLATNESS = 2
 TAIL = 20
 """The 99th percentile must be at most this many times the median."""
 
-Figures = dict[str, Any]
-
 
 def measure(
     points: Sequence[int], supports: Sequence[int], updates: int, budget: float, held: int, progress: Callable[[str], None]
@@ -70,20 +68,18 @@ def measure(
     rows: list[Figures] = []
     disagreements: list[str] = []
     for n in supports:
-        slowest = dict.fromkeys(CONTENDERS, (0, 0.0))  # (number of observations, longest solve there [s])
+        slowest = dict.fromkeys(CONTENDERS, 0.0)  # CPU time of its longest solve for each observation there was [s]
         for m in sorted(points):
-            # a cost is expected to grow in proportion to M; the load of pushfric is many solves
-            running = [name for name, (seen, cost) in slowest.items() if name == "pushfric" or cost * m <= LIMIT * max(seen, 1)]
+            # a cost is expected to grow in proportion to M
+            running = [name for name, cost in slowest.items() if cost * m <= LIMITS.get(name, LIMIT)]
             progress(f"{m} observations, {n} supports")
-            seen, cost = slowest["pushfric"]
-            if cost * m > LONGEST_LOAD * max(seen, 1):
+            if "pushfric" not in running:
                 continue
             cell = _Cell(m, n, running, updates, budget)
             cell.run()
             rows += cell.figures()
             disagreements += cell.disagreements
-            for name in running:
-                slowest[name] = (m, cell.longest[name])
+            slowest |= {name: longest / m for name, longest in cell.longest.items()}
     return {"updates": rows, "disagreements": disagreements, "bytes_per_observation": memory(supports, held, progress)}
 
 
@@ -143,20 +139,27 @@ class _Cell:
             gc.enable()
 
     def _timed(self, name: str, work: Callable[[], None]) -> float:
-        """CPU time of all threads [s]; a contender that cannot finish leaves the cell, and its results there are dropped."""
+        """CPU time of all threads [s]."""
         start = time.process_time()
-        try:
+        with self._leaving(name):
             work()
+        seconds = time.process_time() - start
+        self.longest[name] = max(self.longest[name], seconds)
+        return seconds
+
+    @contextlib.contextmanager
+    def _leaving(self, name: str) -> Iterator[None]:
+        """A contender that cannot finish, or finds no optimum, leaves the cell."""
+        try:
+            yield
         except OutOfTime:
             self._leave(name)
         except NoOptimum as reason:
             self._disagree(name, str(reason))
             self._leave(name)
-        seconds = time.process_time() - start
-        self.longest[name] = max(self.longest[name], seconds)
-        return seconds
 
     def _leave(self, name: str) -> None:
+        """Measure a contender no more, and drop its results here."""
         self._running.remove(name)
         self._seconds[name].clear()
         self.longest[name] = math.inf
@@ -166,21 +169,15 @@ class _Cell:
 
     def _compare(self, contenders: dict[str, Contender]) -> None:
         """Compare the objectives, after all contenders have been timed."""
-        try:
-            expected = contenders["pushfric"].objective()
-        except NoOptimum as reason:
-            self._disagree("pushfric", str(reason))
-            return
+        expected = None  # pushfric comes first
         for name, contender in contenders.items():
-            try:
-                error = abs(contender.objective() - expected) / expected
-            except NoOptimum as reason:
-                self._disagree(name, str(reason))
-                self._leave(name)
-                continue
-            self._error[name] = max(self._error[name], error)
-            if error > AGREEMENT:
-                self._disagree(name, f"its objective is {error:.1e} off pushfric's")
+            with self._leaving(name):
+                found = contender.objective()
+                expected = expected or found
+                error = abs(found - expected) / expected
+                self._error[name] = max(self._error[name], error)
+                if error > AGREEMENT:
+                    self._disagree(name, f"its objective is {error:.1e} off pushfric's")
 
     def _rest(self) -> None:
         """Stop measuring contenders that used up their budget; pushfric goes on."""

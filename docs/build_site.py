@@ -5,6 +5,7 @@
 
 import argparse
 import inspect
+import itertools
 import logging
 import os
 import pathlib
@@ -17,7 +18,6 @@ from typing import Any
 from docutils.nodes import SkipNode, math, math_block
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
-from sphinx.cmd.build import main as build
 from sphinx.writers.html5 import HTML5Translator
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python docs/build_site.py`, from any folder
@@ -29,29 +29,26 @@ from pushfric_core.commands.program import run, undoing
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
-CONFIGURATION = """\
-import sys
-sys.path.insert(0, {folder!r})
-from build_site import mathml, plain_docstring, without_fields
-
-project, author, release = "pushfric", "the pushfric authors", {version!r}
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-exclude_patterns = ["bags"]
-myst_heading_anchors, myst_enable_extensions, html_math_renderer = 4, ["dollarmath"], "mathml"
-nb_execution_mode, nb_execution_raise_on_error, nb_execution_show_tb = "force", True, True
-html_theme, html_title, html_show_copyright = "furo", "pushfric", False
-autodoc_member_order, autodoc_typehints, autodoc_class_signature = "bysource", "description", "mixed"
-python_use_unqualified_type_names, add_module_names = True, False
-autodoc_typehints_description_target = "documented"
-smartquotes = False
-html_static_path, html_css_files, html_js_files = ["site.css", "copy.js"], ["site.css"], ["copy.js"]
+CONFIGURATION: dict[str, Any] = {
+    **{"project": "pushfric", "author": "the pushfric authors", "release": pushfric_core.__version__},
+    "extensions": ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "docs.build_site"],
+    "exclude_patterns": ["bags"],
+    **{"myst_heading_anchors": 4, "myst_enable_extensions": ["dollarmath"], "html_math_renderer": "mathml"},
+    **{"nb_execution_mode": "force", "nb_execution_raise_on_error": True, "nb_execution_show_tb": True},
+    **{"html_theme": "furo", "html_title": "pushfric", "html_show_copyright": False},
+    **{"autodoc_member_order": "bysource", "autodoc_typehints": "description", "autodoc_class_signature": "mixed"},
+    **{"python_use_unqualified_type_names": True, "add_module_names": False, "smartquotes": False},
+    "autodoc_typehints_description_target": "documented",
+    **{"html_static_path": ["site.css", "copy.js"], "html_css_files": ["site.css"], "html_js_files": ["copy.js"]},
+}
 
 
-def setup(app):
+def setup(app: Sphinx) -> None:
+    """This module is one of the extensions."""
     app.connect("autodoc-process-docstring", plain_docstring)
     app.connect("autodoc-skip-member", without_fields)
     app.add_html_math_renderer("mathml", (mathml, None), (mathml, None))
-"""
+
 
 PARTS = {
     "Learn": ("tutorial", "install", "data_to_verdict", "glossary"),
@@ -105,12 +102,9 @@ def described(option: Any) -> str:
 
 def python_names() -> str:
     """Each public name of pushfric_core, by module."""
-    homes: dict[str, list[str]] = {}
-    for name in pushfric_core.__all__:
-        if name in pushfric_core._HOMES:
-            homes.setdefault(pushfric_core._HOMES[name], []).append(name)
+    homes = pushfric_core._HOMES
     lines = ["# Python", "", "Every name is imported as in `from pushfric_core import Estimator`."]
-    for module, names in sorted(homes.items()):
+    for module, names in itertools.groupby(sorted(homes, key=homes.__getitem__), homes.__getitem__):
         lines += ["", f"## {module.removeprefix('pushfric_core.')}", "", "```{eval-rst}"]
         for name in names:
             value = getattr(pushfric_core, name)
@@ -125,7 +119,9 @@ def plain_docstring(app: Sphinx, what: str, name: str, obj: Any, options: Any, l
     pieces = re.split(r"(`[^`]*`|^ *>>>.*(?:\n.+)*)", "\n".join(lines), flags=re.MULTILINE)
     lines[:] = "".join(as_markup(one) for one in pieces).split("\n")
     if what == "class":
-        lines += [line for field, comment in fields(obj) for line in (f"* ``{field}``: {comment}", "")]
+        commented = re.findall(r"^    (\w+): [^#\n]*?(?:  # (.*))$", inspect.getsource(obj), re.MULTILINE)
+        for field, comment in commented:
+            lines += [f"* ``{field}``: " + re.sub(r"([*|\\`])", r"\\\1", comment), ""]
 
 
 def as_markup(piece: str) -> str:
@@ -133,12 +129,6 @@ def as_markup(piece: str) -> str:
     if piece.startswith("`"):
         return f"`{piece}`"
     return piece if piece.lstrip().startswith(">>>") else re.sub(r"([*|\\])", r"\\\1", piece)
-
-
-def fields(record: type) -> list[tuple[str, str]]:
-    """The fields of a record that a comment describes, and the comment."""
-    found = re.findall(r"^    (\w+): [^#\n]*?(?:  # (.*))$", inspect.getsource(record), re.MULTILINE)
-    return [(name, re.sub(r"([*|\\`])", r"\\\1", comment)) for name, comment in found]
 
 
 def without_fields(app: Sphinx, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
@@ -176,8 +166,6 @@ def write_sources(folder: pathlib.Path) -> None:
         text = page.read_text(encoding="utf-8").replace("](api.md)", "](python.md)").replace("```csv", "```text")
         # sources, folders, and other files of the project are not part of the site: a link to one becomes its text
         page.write_text(LINK.sub(lambda link: link[0] if on_the_site(link[2], folder) else link[1], text), encoding="utf-8")
-    configuration = CONFIGURATION.format(folder=str(ROOT / "docs"), version=pushfric_core.__version__)
-    (folder / "conf.py").write_text(configuration, encoding="utf-8")
 
 
 def quiet_kernel(folder: pathlib.Path) -> None:
@@ -197,10 +185,11 @@ def main() -> int:
         sources = pathlib.Path(folder) / "sources"
         write_sources(sources)
         quiet_kernel(pathlib.Path(folder) / "ipython")
-        code = build(["-q", "-W", "--keep-going", "-b", "html", str(sources), str(out), "-d", f"{folder}/doctrees"])
-    if code == 0:
+        site = Sphinx(sources, None, out, f"{folder}/doctrees", "html", CONFIGURATION, status=None, warningiserror=True)
+        site.build()
+    if site.statuscode == 0:
         print(f"site: {out / 'index.html'}")
-    return code
+    return site.statuscode
 
 
 if __name__ == "__main__":

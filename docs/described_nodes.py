@@ -4,7 +4,6 @@ import inspect
 import math
 import pathlib
 import tempfile
-from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import cv2
@@ -25,14 +24,6 @@ EMPTY = bytes((0, 1, 0, 0, 0))
 """A message of that type in CDR: little-endian, one byte."""
 
 
-class Start(NamedTuple):
-    """How a node is started."""
-
-    name: str
-    required: dict[str, Any]  # parameters
-    variants: dict[str, dict[str, Any]]  # by description: parameters with which the node has other topics
-
-
 class Description(NamedTuple):
     """The interfaces of a node."""
 
@@ -42,16 +33,20 @@ class Description(NamedTuple):
     settings: list[Setting]
 
 
+Parameters = dict[str, Any]
+
+
 def describe() -> list[Description]:
     """Start every node, in each variant, and ask it."""
     asked = Introspection(NAMESPACE)
     with tempfile.TemporaryDirectory(prefix="pushfric-interfaces-") as folder:
-        return [_describe(start, asked) for start in _starts(pathlib.Path(folder))]
+        return [_describe(name, *how, asked) for name, how in _starts(pathlib.Path(folder)).items()]
 
 
-def _starts(folder: pathlib.Path) -> Iterator[Start]:
-    name = "rubber_rect4"
-    cell = demo_cell(name, folder)
+def _starts(folder: pathlib.Path) -> dict[str, tuple[Parameters, dict[str, Parameters]]]:
+    """How each node is started: the parameters that it needs; and by description, those with which it has other topics."""
+    known = {"object": "rubber_rect4"}
+    cell = demo_cell(known["object"], folder)
     camera = {"calibration": cell.camera.calibration}
     picture, bag = folder / "picture.png", folder / "bag"
     cv2.imwrite(str(picture), np.zeros((480, 640), np.uint8))
@@ -60,25 +55,26 @@ def _starts(folder: pathlib.Path) -> Iterator[Start]:
         writer.write(f"{NAMESPACE}/anything", 1, EMPTY)
     sources = {"`source: compressed`": {"source": "compressed"}, "a device as `source`": {"source": f"{folder}/*.png"}}
     terms = {"`force` or `force_angle` in `terms`": {"terms": ["moment", "force"]}}
-    kinds = {**terms, "`source: observations`": {"source": "observations"}}
     guards = {"`enable_timeout`": {"enable_timeout": 1.0}, "`max_force`": {"max_force": 1.0}}
     pusher, stage = settings.merged((cell.pusher, cell.driver)), settings.plain(cell.pusher.stage)
-    yield Start("tracker", {"object": name, **camera, "source": "topic"}, sources)
-    yield Start("pose_source", {}, {})
-    yield Start("tip_source", {"object": name, "tip_radius": 0.003}, {})
-    yield Start("actuator", pusher, guards)
-    yield Start("estimator", {"object": name}, kinds)
-    yield Start("planner", {}, {})
-    yield Start("experiment", {"object": name}, {})
-    yield Start("recorder", {"bag": str(folder / "new"), "discover": True}, {})
-    yield Start("player", {"bag": str(bag)}, {})
-    yield Start("view", {"object": name}, {})
-    yield Start("simulated_cell", {"object": name, "port_link": pusher["port"], **camera, **stage}, {})
+    return {
+        "tracker": (known | camera | {"source": "topic"}, sources),
+        "pose_source": ({}, {}),
+        "tip_source": (known | {"tip_radius": 0.003}, {}),
+        "actuator": (pusher, guards),
+        "estimator": (known, terms | {"`source: observations`": {"source": "observations"}}),
+        "planner": ({}, {}),
+        "experiment": (known, {}),
+        "recorder": ({"bag": str(folder / "new"), "discover": True}, {}),
+        "player": ({"bag": str(bag)}, {}),
+        "view": (known, {}),
+        "simulated_cell": (known | {"port_link": pusher["port"]} | camera | stage, {}),
+    }
 
 
-def _describe(start: Start, asked: Introspection) -> Description:
-    kind = node_class(start.name)
-    answers = {label: asked.ask(kind, start.required | more) for label, more in {"": {}, **start.variants}.items()}
+def _describe(name: str, required: Parameters, variants: dict[str, Parameters], asked: Introspection) -> Description:
+    kind = node_class(name)
+    answers = {label: asked.ask(kind, required | more) for label, more in {"": {}, **variants}.items()}
     found = {label: [one for one in of.endpoints if one.type != OF_THE_BAG] for label, of in answers.items()}
     every = sorted({endpoint for label in found for endpoint in found[label]}, key=lambda one: (ROLES.index(one.role), one))
     plain = answers[""]

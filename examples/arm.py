@@ -13,6 +13,7 @@ ros2_control takes. It answers with the tool's pose, on tool_pose and, if tf2_ms
 """
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -57,17 +58,15 @@ LINKS = ["base_link", *(f"link_{number}" for number in range(1, 7)), "tool0"]
 
 
 def urdf() -> str:
-    """The arm as robot_state_publisher would describe it."""
+    """The arm as robot_state_publisher would describe it; a fixed joint leads to the flange."""
+    kinds = [*["revolute"] * 6, "fixed"]
+    links = zip([*NAMES, "flange"], kinds, pairwise(LINKS), [*OFFSETS, FLANGE], [*AXES, AXES[0]], strict=True)
     joints = [
-        f"""<joint name="{name}" type="revolute"><parent link="{LINKS[number]}"/><child link="{LINKS[number + 1]}"/>
+        f'''<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
         <origin xyz="{words(offset)}"/><axis xyz="{words(axis)}"/>
-        <limit lower="{-REACH}" upper="{REACH}" velocity="{FASTEST}" effort="100"/></joint>"""
-        for number, (name, offset, axis) in enumerate(zip(NAMES, OFFSETS, AXES, strict=True))
+        <limit lower="{-REACH}" upper="{REACH}" velocity="{FASTEST}" effort="100"/></joint>'''
+        for name, kind, (parent, child), offset, axis in links
     ]
-    joints.append(
-        f"""<joint name="flange" type="fixed"><parent link="link_6"/><child link="tool0"/>
-        <origin xyz="{words(FLANGE)}"/></joint>"""
-    )
     return f"""<robot name="arm">{"".join(f'<link name="{name}"/>' for name in LINKS)}{"".join(joints)}</robot>"""
 
 

@@ -3,22 +3,21 @@
 python3 examples/arm_and_tag.py
 """
 
-import contextlib
 import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import rclpy
 from geometry_msgs.msg import Point, PoseStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMsg
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import Header
 
 from pushfric_core import TABLE_1, Pose, PushedObject, PushingLine
+from pushfric_core.estimation.push_plan import PlannedPush, planned_contact
 from pushfric_core.geometry.planar import compose, transform
-from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
+from pushfric_ros.node_kit.process import run_node
 
 NAME = "wood_rect4"
 RATE = 30.0  # frames of the detector, and three times as many poses of the tool [Hz]
@@ -36,10 +35,9 @@ def motion(seed: int) -> Iterator[tuple[bool, Pose, np.ndarray]]:
     for edge, offset in PUSHES:
         bend, speed = rng.uniform(-0.6, 0.6), rng.uniform(0.01, 0.03)  # of the path [rad], [m/s]
         pushed = PushedObject(known.outline, known.support, known.mu_c, Pose(0.05, 0.02, rng.uniform(-1, 1)))
-        start, normal = known.outline.vertices[edge] + known.outline.edges[edge] / 2, known.outline.normals[edge]
-        start = start + offset * known.outline.edges[edge] / known.outline.lengths[edge] + (TIP_RADIUS + 0.02) * normal
-        tip = transform(pushed.pose, start)
-        heading = math.atan2(*-transform(Pose(0, 0, pushed.pose.theta), normal)[::-1])
+        contact, inward = planned_contact(known.outline, PlannedPush(edge, offset))
+        tip = transform(pushed.pose, contact - (TIP_RADIUS + 0.02) * inward)
+        heading = pushed.pose.theta + math.atan2(inward[1], inward[0])
         step = speed / (3 * RATE)
         for count in range(math.ceil(0.07 / step)):
             heading += bend * step / 0.07
@@ -75,25 +73,18 @@ class ArmAndTag(Node):
             return False
         frame, pose, tip = step
         self._stamp += round(1e9 / (3 * RATE))
-        x, y = transform(BASE, tip)
-        half = math.pi / 2  # the tool points down: half a turn about x
-        self._publish(self._tool, (x, y, TOOL), (math.sin(half), 0.0, 0.0, math.cos(half)))
+        x, y = transform(BASE, tip).tolist()
+        # the tool points down: half a turn about x
+        self._publish(self._tool, PoseMsg(position=Point(x=x, y=y, z=TOOL), orientation=Quaternion(x=1.0, w=0.0)))
         if frame:
-            tag = compose(BASE, compose(pose, TAG))
-            self._publish(self._tag, (tag.x, tag.y, 0.03), (0.0, 0.0, math.sin(tag.theta / 2), math.cos(tag.theta / 2)))
+            tag = pose_to_msg(compose(BASE, compose(pose, TAG)))
+            tag.position.z = 0.03
+            self._publish(self._tag, tag)
         return True
 
-    def _publish(self, out: Any, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
-        place, turn = dict(zip("xyz", position, strict=True)), dict(zip("xyzw", quaternion, strict=True))
-        header = Header(frame_id="base_link", stamp=stamp_to_msg(self._stamp))
-        out.publish(PoseStamped(header=header, pose=PoseMsg(position=Point(**place), orientation=Quaternion(**turn))))
-
-
-def main() -> None:
-    rclpy.init()
-    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.spin(ArmAndTag(namespace="/cell"))
+    def _publish(self, out: Any, pose: PoseMsg) -> None:
+        out.publish(PoseStamped(header=Header(frame_id="base_link", stamp=stamp_to_msg(self._stamp)), pose=pose))
 
 
 if __name__ == "__main__":
-    main()
+    run_node(lambda: ArmAndTag(namespace="/cell"))

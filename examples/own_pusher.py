@@ -19,19 +19,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from pushfric_core.pushers.pusher import (
-    Check,
-    Grade,
-    Limits,
-    Mode,
-    NotConnected,
-    NotReady,
-    Pusher,
-    PusherConfig,
-    PusherReport,
-    Timeout,
-    drive,
-)
+from pushfric_core.pushers import pusher
 from pushfric_core.settings import REQUIRED, check_ranges, setting
 
 DEAD_MAN = 0.2
@@ -51,30 +39,24 @@ class Slide(threading.Thread):
             os.unlink(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.bind(path)
-        self._position = self._target = 0.0  # [m]
-        self._speed = 1.0  # [m/s]
-        self._seen = self._until = time.monotonic()
 
     def run(self) -> None:
+        position = target = 0.0  # [m]
+        speed, seen = 1.0, time.monotonic()  # [m/s], [s]
+        until = seen
         while True:
             command, sender = self._socket.recvfrom(200)
-            target, speed, stamp = command.decode().split(",")
-            self._go_on()
-            if target == "stop":
-                self._target = self._position
-            elif target:
-                self._target, self._speed, self._until = float(target), float(speed), self._seen + DEAD_MAN
-            moves = self._position != self._target and self._seen < self._until
-            speed_now = math.copysign(self._speed, self._target - self._position) if moves else 0.0
+            wanted, fast, stamp = command.decode().split(",")
+            before, seen = seen, time.monotonic()
+            way = speed * max(0.0, min(seen, until) - before)
+            position = max(position - way, min(target, position + way))
+            if wanted == "stop":
+                target = position
+            elif wanted:
+                target, speed, until = float(wanted), float(fast), seen + DEAD_MAN
+            speed_now = math.copysign(speed, target - position) if position != target and seen < until else 0.0
             with contextlib.suppress(OSError):  # whoever asked may be gone
-                self._socket.sendto(f"{self._position!r},{speed_now!r},{stamp}".encode(), sender)
-
-    def _go_on(self) -> None:
-        now = time.monotonic()
-        way = self._target - self._position
-        gone = min(abs(way), self._speed * max(0.0, min(now, self._until) - self._seen))
-        self._position = self._target if gone == abs(way) else self._position + (gone if way > 0 else -gone)
-        self._seen = now
+                self._socket.sendto(f"{position!r},{speed_now!r},{stamp}".encode(), sender)
 
 
 @dataclass(frozen=True)
@@ -87,7 +69,7 @@ class SlideConfig:
     def __post_init__(self) -> None:
         check_ranges(self)
 
-    def open_pusher(self, config: PusherConfig) -> Pusher:
+    def open_pusher(self, config: pusher.PusherConfig) -> pusher.Pusher:
         """The driver, not connected yet."""
         return SlideDriver(self.device)
 
@@ -95,32 +77,32 @@ class SlideConfig:
         """Why there can be no slide; None if there may be one."""
         return None if os.path.exists(self.device) else f"no slide at {self.device}"
 
-    def checks(self, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
+    def checks(self, config: pusher.PusherConfig, distance: float, speed: float) -> Iterator[pusher.Check]:
         """What ./pushfric doctor says about the slide."""
-        level = Grade.OK if self.backlash < distance / 100 else Grade.WARNING
-        yield Check("slide", level, f"{1e3 * self.backlash:g} mm of play in pushes of {1e3 * distance:g} mm")
+        level = pusher.Grade.OK if self.backlash < distance / 100 else pusher.Grade.WARNING
+        yield pusher.Check("slide", level, f"{1e3 * self.backlash:g} mm of play in pushes of {1e3 * distance:g} mm")
 
 
 class SlideDriver:
     """Sends the same command at each poll: if the polls end, the slide stops by itself."""
 
-    limits, dropped = Limits(max_speed=0.1), 0
+    limits, dropped = pusher.Limits(max_speed=0.1), 0
 
     def __init__(self, device: str) -> None:
         self.name, self.place, self.doubt = f"a slide at {device}", device, None  # type: str, str, str | None
         self._device = device
         self._socket: socket.socket | None = None
-        self._report: PusherReport | None = None  # the last one
+        self._report: pusher.PusherReport | None = None  # the last one
         self._command: tuple[float, float] | None = None  # target [m] and speed [m/s], while it is to move
         self._moves = False  # as last reported
         self._asked: int | None = None  # a stamp
         self._heard = self._polled = 0.0  # [s]
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> pusher.Mode:
         if self._report is None:
-            return Mode.DISCONNECTED
-        return Mode.RUNNING if self.busy else Mode.IDLE
+            return pusher.Mode.DISCONNECTED
+        return pusher.Mode.RUNNING if self.busy else pusher.Mode.IDLE
 
     @property
     def busy(self) -> bool:
@@ -144,12 +126,12 @@ class SlideDriver:
             pass  # nothing more has come, or the slide has enough to answer
         except OSError as error:
             self._drop()
-            raise NotConnected(f"no slide at {self._device}: {error}") from error
+            raise pusher.NotConnected(f"no slide at {self._device}: {error}") from error
 
     def close(self) -> None:
-        with contextlib.suppress(NotConnected, Timeout):
+        with contextlib.suppress(pusher.NotConnected, pusher.Timeout):
             self.stop()
-            drive(self)
+            pusher.drive(self)
         self._drop()
 
     def _drop(self) -> None:
@@ -162,8 +144,8 @@ class SlideDriver:
         self.doubt = None
 
     def move_to(self, position: float, speed: float) -> None:
-        if self.mode is not Mode.IDLE or self.doubt is not None:
-            raise NotReady(f"the slide is {self.mode.value}, {self.doubt or 'expected idle'}")
+        if self.mode is not pusher.Mode.IDLE or self.doubt is not None:
+            raise pusher.NotReady(f"the slide is {self.mode.value}, {self.doubt or 'expected idle'}")
         self._command, self._polled = (position, speed), time.monotonic()
 
     def stop(self) -> None:
@@ -174,23 +156,23 @@ class SlideDriver:
     def ask(self, stamp: int) -> None:
         self._asked = stamp
 
-    def poll(self, stamp: int | None = None) -> PusherReport | None:
+    def poll(self, stamp: int | None = None) -> pusher.PusherReport | None:
         now, before = time.monotonic(), self._polled
         self._polled = now
         fresh = self._hear(now)
         if self._command is not None and now - before > DEAD_MAN:
             self.stop()
-            raise Timeout(f"this process stood still for {now - before:.2f} s")
+            raise pusher.Timeout(f"this process stood still for {now - before:.2f} s")
         if now - self._heard > DEAD_MAN:
             self._drop()
-            raise NotConnected(f"the slide at {self._device} says nothing")
+            raise pusher.NotConnected(f"the slide at {self._device} says nothing")
         wanted = self._asked if self._asked is not None else stamp
         command = "," if self._command is None else f"{self._command[0]!r},{self._command[1]!r}"
         self._send(f"{command},{'' if wanted is None else wanted}")
         self._asked = None
         return fresh
 
-    def _hear(self, now: float) -> PusherReport | None:
+    def _hear(self, now: float) -> pusher.PusherReport | None:
         """Take all answers that have come; return the last one as a report."""
         first, fresh = self._report is None, None
         with self._line():
@@ -201,12 +183,12 @@ class SlideDriver:
                     self.doubt = "it moved when it was found"
                 if self._command is not None and float(position) == self._command[0]:
                     self._command = None
-                self._report = PusherReport(float(position), float(speed), Mode.IDLE, int(stamp) if stamp else None)
+                when = int(stamp) if stamp else None
+                self._report = pusher.PusherReport(float(position), float(speed), pusher.Mode.IDLE, when)
                 fresh = self._report._replace(mode=self.mode)
         return fresh
 
     def _send(self, text: str) -> None:
-        assert self._socket is not None
         with self._line():
             self._socket.send(text.encode())
 
@@ -216,7 +198,7 @@ def main() -> None:
         Slide(f"{folder}/slide").start()
         slide = SlideDriver(f"{folder}/slide")
         slide.connect()
-        drive(slide)
+        pusher.drive(slide)
         slide.move_to(0.05, speed=0.1)
         while slide.busy:
             if (report := slide.poll(time.monotonic_ns())) is not None:

@@ -14,14 +14,13 @@ import typer
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python faults`, from any folder
 
+from bench.program import start
 from faults import quota
 from faults.cases import CASES, QUICK, QUOTAS
 from faults.cell_run import new_run
 from faults.table import table
 from pushfric_core import InvalidInput
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cli import main as carried_out
-from pushfric_core.commands.program import run
 from pushfric_ros.faults.fault import tried
 
 DOCUMENT = pathlib.Path(__file__).resolve().parents[1] / "docs/reliability.md"
@@ -47,7 +46,6 @@ app = Application()
 def main(
     quick: Annotated[bool, typer.Option("--quick", help="Only a few cases, in about a minute; writes nothing.")] = False,
     only: Annotated[str, typer.Option(help="Only faults whose name contains this; writes nothing.")] = "",
-    times: Annotated[int, typer.Option(help="How often each fault is tried.", min=1)] = 1,
 ) -> None:
     """Cause faults in running cells and judge what follows; writes docs/reliability.md. All faults take about an hour."""
     # a shell starts background jobs with SIGINT ignored, nohup with SIGHUP, and the runs would inherit that
@@ -62,11 +60,11 @@ def main(
         raise InvalidInput(f"--only {only}: no fault that can be caused here is named so; CPU quotas need control groups")
     loads, found = [], []
     for number, fault in enumerate(chosen, 1):
-        outcomes = [tried(fault, new_run) for _ in range(times)]
-        found.append({"fault": fault.name, "asked": fault.must.asked, "tries": [one.to_dict() for one in outcomes]})
+        outcome = tried(fault, new_run)
+        found.append({"fault": fault.name, "asked": fault.must.asked, "tries": [outcome.to_dict()]})
         loads.append(os.getloadavg()[0])
-        said = "; ".join((one.problem or "as asked") + one.tried for one in outcomes)
-        print(f"{number}/{len(chosen)} {fault.name}: {outcomes[-1].found.get('seen')}; {said}", file=sys.stderr, flush=True)
+        said = f"{outcome.found.get('seen')}; {outcome.problem or 'as asked'}{outcome.tried}"
+        print(f"{number}/{len(chosen)} {fault.name}: {said}", file=sys.stderr, flush=True)
         if not (quick or only):
             told = {"circumstances": circumstances(found, loads), "faults": found}
             EVIDENCE.write_text(json.dumps(told, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -85,15 +83,13 @@ def page() -> str:
 
 def circumstances(found: list[dict[str, Any]], loads: list[float]) -> str:
     """How a table was made: when, how busy the machine was, and what was left out."""
-    times = len(found[0]["tries"])
-    how_often = "once" if times == 1 else f"{times} times"
     load = f"load average {min(loads):.0f} to {max(loads):.0f}"
     machine = f"{os.cpu_count()} processors, Python {platform.python_version()}, {load}"
     tried_here = {one["fault"] for one in found}
     left_out = "; ".join(fault.name for fault in CASES if fault.name not in tried_here)
     which = f"Not tried: {left_out}." if left_out else "No fault was left out."
-    return f"Each fault was tried {how_often}, on {time.strftime('%Y-%m-%d')}: {machine}. {which}"
+    return f"Each fault was tried once, on {time.strftime('%Y-%m-%d')}: {machine}. {which}"
 
 
 if __name__ == "__main__":
-    run(lambda: carried_out(app, "./pushfric faults"))
+    start(app, "./pushfric faults")

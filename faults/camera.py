@@ -56,6 +56,10 @@ class Frame(NamedTuple):
     picture: Picture  # (height, width)
     stamp: int  # [ns]
 
+    def later(self, shift: int) -> "Frame":
+        """The same with another stamp."""
+        return self._replace(stamp=self.stamp + shift)
+
 
 @dataclass
 class Seen:
@@ -69,11 +73,6 @@ class Seen:
     def now(self) -> Frame:
         """The newest frame."""
         return self.last[-1]
-
-
-def _shows(picture: Callable[[Seen], Picture]) -> Callable[[Seen], list[Frame]]:
-    """A fault that changes only the pictures."""
-    return lambda seen: [Frame(picture(seen), seen.now.stamp)]
 
 
 def _one_pixel(seen: Seen) -> Picture:
@@ -99,30 +98,34 @@ def _turn(seen: Seen) -> list[Frame]:
     return [seen.last[-1], seen.last[-2]] if seen.count % 2 == 0 else []
 
 
-def _ahead(seen: Seen) -> list[Frame]:
-    return [seen.now._replace(stamp=seen.now.stamp + HOUR)]
+def _torn(seen: Seen) -> Picture:
+    return np.vstack((seen.now.picture[:240], seen.last[0].picture[240:]))
 
 
-FAULTS: dict[str, Callable[[Seen], list[Frame]]] = {
-    "unplugged": lambda seen: [],
-    "frozen": _shows(lambda seen: seen.first[0].picture),
-    "frozen except for one pixel": _shows(_one_pixel),
-    "two images that alternate": _shows(lambda seen: seen.first[seen.count % len(seen.first)].picture),
-    "image shifted by 40 px": _shows(lambda seen: np.roll(seen.now.picture, 40, axis=1)),
-    "black": _shows(lambda seen: np.zeros_like(seen.now.picture)),
-    "white": _shows(lambda seen: np.full_like(seen.now.picture, 255)),
-    "object taken away": _shows(_without_object),
-    "two objects": _shows(lambda seen: np.maximum(seen.now.picture, np.roll(seen.now.picture, -130, axis=0))),
-    "half an object": _shows(_half),
-    "torn: the lower half is older": _shows(lambda seen: np.vstack((seen.now.picture[:240], seen.last[0].picture[240:]))),
-    "frames in the wrong order": _turn,
-    "every frame twice": lambda seen: [seen.now, seen.now],
-    "stamps of a foreign clock": _ahead,
-    "clock set back by an hour": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR)],
-    "clock set forward by an hour": _ahead,
-    "clock set back for a second": lambda seen: [seen.now._replace(stamp=seen.now.stamp - HOUR * (seen.count < 14))],
+UNSEEN, UNFOLLOWING = "the object was not seen for", "the object does not follow the pusher"
+CLOCK = "the clock of the camera is 3600 s {} this computer's"
+
+FAULTS: dict[str, tuple[Callable[[Seen], Picture | list[Frame]], str]] = {
+    "unplugged": (lambda seen: [], UNSEEN),
+    "frozen": (lambda seen: seen.first[0].picture, UNSEEN),
+    "frozen except for one pixel": (_one_pixel, UNFOLLOWING),
+    "two images that alternate": (lambda seen: seen.first[seen.count % len(seen.first)].picture, f"{UNFOLLOWING}|{UNSEEN}"),
+    "image shifted by 40 px": (lambda seen: np.roll(seen.now.picture, 40, axis=1), f"the object leaps by 2[0-9] mm|{UNSEEN}"),
+    "black": (lambda seen: np.zeros_like(seen.now.picture), UNSEEN),
+    "white": (lambda seen: np.full_like(seen.now.picture, 255), UNSEEN),
+    "object taken away": (_without_object, UNSEEN),
+    "two objects": (lambda seen: np.maximum(seen.now.picture, np.roll(seen.now.picture, -130, axis=0)), UNSEEN),
+    "half an object": (_half, UNSEEN),
+    "torn: the lower half is older": (_torn, f"{UNSEEN}|{UNFOLLOWING}"),
+    "frames in the wrong order": (_turn, ""),
+    "every frame twice": (lambda seen: [seen.now, seen.now], ""),
+    "stamps of a foreign clock": (lambda seen: [seen.now.later(HOUR)], CLOCK.format("ahead of")),
+    "clock set back by an hour": (lambda seen: [seen.now.later(-HOUR)], CLOCK.format("behind")),
+    "clock set forward by an hour": (lambda seen: [seen.now.later(HOUR)], CLOCK.format("ahead of")),
+    "clock set back for a second": (lambda seen: [seen.now.later(-HOUR * (seen.count < 14))], ""),
 }
-"""By the name of the fault: which frames the tracker gets, from those that the camera has seen."""
+"""By the name of the fault: the picture or the frames that the tracker gets, from those that the camera has seen; and why the
+run then waits for a person, as a regular expression, if it does."""
 
 
 class FaultyCamera(Node):
@@ -130,7 +133,7 @@ class FaultyCamera(Node):
 
     def __init__(self, fault: str) -> None:
         super().__init__("faulty_camera", namespace=NAMESPACE)
-        self._shown_of, self._seen = FAULTS[fault], Seen()
+        (self._shown_of, _), self._seen = FAULTS[fault], Seen()
         self._begun = "foreign" in fault  # this one is there from the start
         self._out = self.create_publisher(Image, SHOWN, SENSOR_DATA)
         self.create_subscription(Image, TRUE, self._on_image, SENSOR_DATA)
@@ -148,7 +151,8 @@ class FaultyCamera(Node):
         seen, picture = self._seen, np.frombuffer(msg.data, np.uint8).reshape(msg.height, msg.width)
         seen.last.append(Frame(picture, stamp_from_msg(msg.header.stamp)))
         seen.first, seen.count = [*seen.first, seen.now][:2], seen.count + 1
-        for frame in self._shown_of(seen):
+        shown_of = self._shown_of(seen)
+        for frame in shown_of if isinstance(shown_of, list) else [Frame(shown_of, seen.now.stamp)]:
             shown = Image(header=msg.header, height=msg.height, width=msg.width, encoding=msg.encoding, step=msg.step)
             shown.header.stamp = stamp_to_msg(frame.stamp)
             shown.data = array.array("B", frame.picture.tobytes())

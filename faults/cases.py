@@ -1,7 +1,6 @@
 """The table of faults of a running cell: each says what is done, what must follow, and how that is recognised."""
 
 import contextlib
-import itertools
 import json
 import os
 import re
@@ -37,11 +36,10 @@ SECTOR = 4096
 LEAST_SAVED = 0.97
 """Least share of the messages that `bag recover` must save, on average."""
 
-MOMENTS = 20
-"""Number of moments at which Ctrl-C is tried."""
+MOMENTS = [number + 0.5 for number in range(20)]
+"""When Ctrl-C comes after the start [s]."""
 
-LONGEST = 20.0
-"""Ctrl-C comes within this time after the start [s]."""
+FAILING = "faults.failing_sync"
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,10 @@ class Ends:
         """Wait until a run ends, and judge it. `found` gets its exit code and time, and the line that says what happened."""
         if self.interrupt:
             run.wait_for_output(rf"{self.says}|push \d+ aborted")
-            self._demand_the_fault(run.output)
+            # on a busy machine, the push of a run that goes on may be stopped for another of the reasons that are allowed
+            others = [line for line in aborted(run.output) if re.search(self.aborts, line)]
+            if others and not re.search(self.says, run.output):
+                raise EndedEarly(others[0])
             if not run.ended:
                 run.process.send_signal(signal.SIGINT)
         code = run.wait_for_end()
@@ -75,21 +76,13 @@ class Ends:
         problems = "; ".join(self._problems(run, code))
         demand(not problems, problems)
 
-    def _demand_the_fault(self, output: str) -> None:
-        """On a busy machine, the push of a run that goes on may be stopped for another of the reasons that are allowed."""
-        stopped = re.search(rf"push \d+ aborted: .*({self.aborts}).*", output)
-        if stopped and not re.search(self.says, output):
-            raise EndedEarly(stopped[0])
-
     def _problems(self, run: CellRun, code: int) -> Iterable[str]:
         if code not in self.codes:
             yield f"exit code {code}, expected one of {', '.join(map(str, self.codes))}"
         if not re.search(self.says, run.output):
             yield f"nothing said matches {self.says!r}"
         allowed = f"{self.aborts}|{TOLD}" if code else self.aborts
-        for push, reason in re.findall(r"push (\d+) aborted: (.*)", run.output):
-            if not re.search(allowed, reason):
-                yield f"push {push} was aborted for another reason: {reason}"
+        yield from (f"for another reason, {line}" for line in aborted(run.output) if not re.search(allowed, line))
         if "Traceback" in run.output:
             yield "a traceback"
         deadline = time.monotonic() + NODES_END
@@ -104,24 +97,24 @@ class Ends:
         read = subprocess.run([*PROGRAM, "estimate", str(run.bag), "--json"], capture_output=True, text=True)
         if "Traceback" in read.stderr:
             yield "the bag gives a traceback"
-        if code == 0:
-            if read.returncode:
-                yield f"the bag of a run that ended well cannot be read: {read.stderr.strip()}"
-            elif (live := re.findall(r"^push +\d+ +(\d+) observations", run.output, re.M)) and int(live[-1]) != (
-                found := json.loads(read.stdout)["data_points"]
-            ):
-                yield f"the live estimate had {live[-1]} observations, the bag {found}, and the run ended with 0"
+        if code == 0 and read.returncode:
+            yield f"the bag of a run that ended well cannot be read: {read.stderr.strip()}"
+        elif code == 0 and (live := re.findall(r"^push +\d+ +(\d+) observations", run.output, re.M)):
+            count = json.loads(read.stdout)["data_points"]
+            if int(live[-1]) != count:
+                yield f"the live estimate had {live[-1]} observations, the bag {count}, and the run ended with 0"
 
     def _message(self, output: str) -> str:
         """The line that was to be said, or the last error or warning; why the first push was aborted; the first last error."""
         said = [line for line in output.splitlines() if self.says and re.search(self.says, line)][:1]
         said = said or re.findall(r".*(?:error|WARN|ERROR|warning).*", output)[-1:]
-        others = (re.findall(pattern, output, re.M)[:1] for pattern in (r"push \d+ aborted: .*", r"^error: .*"))
-        found: list[str] = []
-        for line in map(shortened, (*said, *itertools.chain(*others))):
-            if line not in " ".join(found):
-                found.append(line)
-        return " ... ".join(found)
+        lines = *said, *aborted(output)[:1], *re.findall(r"^error: .*", output, re.M)[:1]
+        return " ... ".join(dict.fromkeys(map(shortened, lines)))
+
+
+def aborted(output: str) -> list[str]:
+    """Which pushes were aborted, and why."""
+    return re.findall(r"push \d+ aborted: .*", output)
 
 
 def shortened(line: str) -> str:
@@ -131,32 +124,18 @@ def shortened(line: str) -> str:
     return line if len(line) <= 200 else line[:197] + "..."
 
 
-Cause = Callable[[CellRun], float]
+Step = Callable[[CellRun], object]
 
 
-def nothing(run: CellRun) -> None:
-    """The fault is in what was started."""
-
-
-def in_push(strike: Callable[[CellRun], object]) -> Cause:
-    """Start a demo, and strike once its first push is over."""
-
-    def cause(run: CellRun) -> float:
-        run.demo()
-        run.wait_for_push()
-        begin = time.monotonic()
-        strike(run)
-        return begin
-
-    return cause
-
-
-def at_once(strike: Callable[[CellRun], object], start: Callable[[CellRun], None] = CellRun.demo) -> Cause:
-    """Start a cell, and strike right after the start."""
+def caused(strike: Step, in_push: bool = True, start: Step = CellRun.demo) -> Callable[[CellRun], float]:
+    """Start a cell, and strike once its first push is over, or at once."""
 
     def cause(run: CellRun) -> float:
         begin = time.monotonic()
         start(run)
+        if in_push:
+            run.wait_for_push()
+            begin = time.monotonic()
         strike(run)
         return begin
 
@@ -204,8 +183,7 @@ def _every_sector(run: CellRun) -> None:
     (file,) = run.bag.glob("*.mcap")
     content, whole, saved = file.read_bytes(), Bag(run.bag).summary.message_count, []
     for begin in range(0, len(content), SECTOR):
-        size = len(content[begin : begin + SECTOR])
-        file.write_bytes(content[:begin] + bytes(size) + content[begin + size :])
+        file.write_bytes(content[:begin] + bytes(len(content[begin : begin + SECTOR])) + content[begin + SECTOR :])
         bag = Bag(run.bag)
         demand(bag.damage is not None, f"the loss of the sector at byte {begin} is not noticed")
         read = sum(1 for _ in bag.messages())
@@ -269,129 +247,88 @@ ANY = (0, 1)
 STARTED_AGAIN = ("tracker", "estimator")
 
 
-def of_nodes(
-    fault: str, strike: Callable[[str, CellRun], None], asked: str, codes: tuple[int, ...], says: str = "", again: str = ""
-) -> Iterator[Fault[CellRun]]:
-    """A fault of each node in turn; `again` must follow, with exit code 0 or 1, for a node that is started again."""
+Case = Fault[CellRun]
+
+
+def each(name: str, values: Iterable[Any], strike: Callable[[Any, CellRun], object], must: Ends, **when: Any) -> Iterator[Case]:
+    """A fault with each of some values."""
+    return (Fault(name.format(value), caused(partial(strike, value), **when), must) for value in values)
+
+
+def of_nodes(name: str, strike: Callable[[str, CellRun], object], must: Ends, again: str = "") -> Iterator[Case]:
+    """A fault of each node; `again` must follow, with exit code 0 or 1, for a node that is started again."""
     for node in NODES:
-        follows = (again, ANY) if again and node in STARTED_AGAIN else (asked, codes)
-        yield Fault(fault.format(node), in_push(partial(strike, node)), Ends(*follows, says.format(node), REASONS[node]))
+        one = replace(must, says=must.says.format(node), aborts=REASONS[node])
+        if again and node in STARTED_AGAIN:
+            one = replace(one, asked=again, codes=ANY)
+        yield from each(name, [node], strike, one)
 
 
 WHICH = "the run ends and says which node"
 ENDED = "it is ended after 10 s, as if it had died"
+KILLED = Ends(WHICH, (1,), "{} was killed by SIGKILL")
+FAILED = Ends(
+    "the run has failed and says which node", (1,), "error: {} (has finished, but the plan has not|ended with exit code [01])"
+)
+STOPPED = Ends(ENDED, (1,), r"{} was stopped \(SIGSTOP\) for 10 s and is ended")
 NODE_CASES = (
-    *of_nodes(
-        "kill -9 of {}", partial(_signal, signal.SIGKILL), WHICH, (1,), "{} was killed by SIGKILL", f"started again, or {WHICH}"
-    ),
-    *of_nodes(
-        "SIGTERM to {}",
-        partial(_signal, signal.SIGTERM),
-        "the run has failed and says which node",
-        (1,),
-        "error: {} (has finished, but the plan has not|ended with exit code [01])",
-    ),
-    *of_nodes("{} stopped for 5 s", _stall, "nothing is lost, or the run says what and ends with 1; no hang", ANY),
-    *of_nodes(
-        "{} stopped for good",
-        partial(_signal, signal.SIGSTOP),
-        ENDED,
-        (1,),
-        r"{} was stopped \(SIGSTOP\) for 10 s and is ended",
-        ENDED,
-    ),
+    *of_nodes("kill -9 of {}", partial(_signal, signal.SIGKILL), KILLED, f"started again, or {WHICH}"),
+    *of_nodes("SIGTERM to {}", partial(_signal, signal.SIGTERM), FAILED),
+    *of_nodes("{} stopped for 5 s", _stall, Ends("nothing is lost, or the run says what and ends with 1; no hang", ANY)),
+    *of_nodes("{} stopped for good", partial(_signal, signal.SIGSTOP), STOPPED, ENDED),
 )
 
-SEEN = "the push is stopped, with the reason; the run waits for a person"
-UNSEEN_AT_ALL = "the object was not seen for"
-WAITS = {
-    **dict.fromkeys(("unplugged", "frozen"), UNSEEN_AT_ALL),
-    "frozen except for one pixel": "the object does not follow the pusher",
-    "two images that alternate": "the object does not follow the pusher|the object was not seen",
-    "image shifted by 40 px": "the object leaps by 2[0-9] mm|the object was not seen",
-    **dict.fromkeys(("black", "white", "object taken away", "two objects", "half an object"), UNSEEN_AT_ALL),
-    "torn: the lower half is older": "the object was not seen for|the object does not follow",
-    "stamps of a foreign clock": "the clock of the camera is 3600 s ahead of this computer's",
-    "clock set back by an hour": "the clock of the camera is 3600 s behind this computer's",
-    "clock set forward by an hour": "the clock of the camera is 3600 s ahead of this computer's",
-}
+WAITS = Ends("the push is stopped, with the reason; the run waits for a person", (130,), interrupt=True)
 GOES_ON = {
-    "frames in the wrong order": ("nothing happens, or the run says what and ends with 1", ANY, UNSEEN),
-    "every frame twice": ("nothing happens", (0,), "(?!)"),
-    "clock set back for a second": ("what was measured meanwhile is not used, and the result says so", ANY, UNSEEN),
+    "frames in the wrong order": Ends("nothing happens, or the run says what and ends with 1", ANY, aborts=UNSEEN),
+    "every frame twice": Ends("nothing happens", (0,)),
+    "clock set back for a second": Ends("what was measured meanwhile is not used, and the result says so", ANY, aborts=UNSEEN),
 }
-CAMERA_CASES = [
-    *(
-        Fault(f"camera: {name}", partial(camera.start, name), Ends(SEEN, (130,), says, f"{UNSEEN}|{says}", interrupt=True))
-        for name, says in WAITS.items()
-    ),
-    *(
-        Fault(f"camera: {name}", partial(camera.start, name), Ends(asked, codes, aborts=aborts))
-        for name, (asked, codes, aborts) in GOES_ON.items()
-    ),
-]
+CAMERA_ENDS = {
+    name: GOES_ON.get(name) or replace(WAITS, says=says, aborts=f"{UNSEEN}|{says}") for name, (_, says) in camera.FAULTS.items()
+}
+CAMERA_CASES = [Fault(f"camera: {name}", partial(camera.start, name), must) for name, must in CAMERA_ENDS.items()]
 
 SAYS_SO = "the run ends and says so"
+FULL = Ends(f"{SAYS_SO}; what was written can be read", (1, 2), "File too large")
+REMOVED = Ends(SAYS_SO, (1, 2), "was removed or moved while it was recorded")
+NOT_SYNCED = Ends(
+    "the run ends with an error though all pushes were made: nobody knows whether the bag is on the disk",
+    (1, 2),
+    "cannot write the bag: Input/output error",
+)
+NOTICED = Ends("each loss is noticed and counted; 97 % of the messages are saved on average", (0,), "sectors")
 REFUSED = Ends("it is refused; the run goes on", (0,))
 FILE_CASES = [
-    *(
-        Fault(
-            f"the recorder's disk is full after {more} more bytes",
-            in_push(partial(_limit_the_recorder, more)),
-            Ends(f"{SAYS_SO}; what was written can be read", (1, 2), "File too large"),
-        )
-        for more in (0, 1, 100, 5000, 20_000)
-    ),
+    *each("the recorder's disk is full after {} more bytes", (0, 1, 100, 5000, 20_000), _limit_the_recorder, FULL),
     Fault(
-        "every sync of the bag fails (EIO)",
-        at_once(nothing, partial(CellRun.demo, through="faults.failing_sync")),
-        Ends(
-            "the run ends with an error though all pushes were made: nobody knows whether the bag is on the disk",
-            (1, 2),
-            "cannot write the bag: Input/output error",
-        ),
+        "every sync of the bag fails (EIO)", caused(lambda run: None, False, partial(CellRun.demo, through=FAILING)), NOT_SYNCED
     ),
-    Fault(
-        "the bag's folder is removed",
-        in_push(lambda run: shutil.rmtree(run.bag)),
-        Ends(SAYS_SO, (1, 2), "was removed or moved while it was recorded"),
-    ),
-    Fault(
-        "every sector of the bag lost, one after the other",
-        in_push(_every_sector),
-        Ends("each loss is noticed and counted; 97 % of the messages are saved on average", (0,), "sectors"),
-    ),
-    Fault("a second recorder into the same folder", in_push(_second_recorder), REFUSED),
-    Fault("a second cell of the same name", in_push(_second_cell), REFUSED),
+    Fault("the bag's folder is removed", caused(lambda run: shutil.rmtree(run.bag)), REMOVED),
+    Fault("every sector of the bag lost, one after the other", caused(_every_sector), NOTICED),
+    Fault("a second recorder into the same folder", caused(_second_recorder), REFUSED),
+    Fault("a second cell of the same name", caused(_second_cell), REFUSED),
 ]
 
+ALL = Ends("no push is aborted", (0,), "pushes carried out")
 POSSIBLE = Ends("as many pushes as can be; each aborted one says what was measured", ANY, "pushes carried out", STARVED)
 OWNER_GONE = Ends("the pusher rests, the run ends and says which node", (1,), "the pusher rested within", STARVED)
+TOLD_WHY = replace(OWNER_GONE, aborts=REASONS["experiment"])
+QUOTA = "CPU quota of {} %"
 QUOTAS = [
-    Fault("CPU quota of 20 %", at_once(partial(_starve, 20)), Ends("no push is aborted", (0,), "pushes carried out")),
-    *(
-        Fault(f"CPU quota of {percent} %", at_once(partial(_starve, percent), partial(CellRun.demo, short=True)), POSSIBLE)
-        for percent in (10, 5)
-    ),
-    *(
-        Fault(f"CPU quota of {percent} %, kill -9 of experiment", at_once(partial(_kill_the_owner, percent)), must)
-        for percent, must in ((20, replace(OWNER_GONE, aborts=REASONS["experiment"])), (10, OWNER_GONE), (5, OWNER_GONE))
-    ),
+    *each(QUOTA, [20], _starve, ALL, in_push=False),
+    *each(QUOTA, [10, 5], _starve, POSSIBLE, in_push=False, start=partial(CellRun.demo, short=True)),
+    *each(f"{QUOTA}, kill -9 of experiment", [20], _kill_the_owner, TOLD_WHY, in_push=False),
+    *each(f"{QUOTA}, kill -9 of experiment", [10, 5], _kill_the_owner, OWNER_GONE, in_push=False),
 ]
 
 INTERRUPTED = Ends("exit code 130, or 0 where the run was over; no process is left, and the bag can be read", (130, 0))
-NODES_FOLLOW = "all nodes end, and the bag can be read"
+FOLLOW = Ends("all nodes end, and the bag can be read", (-9,))
+FOLLOW_TOO = replace(FOLLOW, codes=(-1, 129))
 ENDINGS = [
-    *(
-        Fault(f"Ctrl-C {after:.1f} s after the start", at_once(partial(_interrupt, after)), INTERRUPTED)
-        for after in (LONGEST * (number + 0.5) / MOMENTS for number in range(MOMENTS))
-    ),
-    Fault("the command line is killed", in_push(lambda run: run.process.kill()), Ends(NODES_FOLLOW, (-9,))),
-    Fault(
-        "the terminal closes (SIGHUP)",
-        in_push(lambda run: run.process.send_signal(signal.SIGHUP)),
-        Ends(NODES_FOLLOW, (-1, 129)),
-    ),
+    *each("Ctrl-C {:.1f} s after the start", MOMENTS, _interrupt, INTERRUPTED, in_push=False),
+    Fault("the command line is killed", caused(lambda run: run.process.kill()), FOLLOW),
+    Fault("the terminal closes (SIGHUP)", caused(lambda run: run.process.send_signal(signal.SIGHUP)), FOLLOW_TOO),
 ]
 
 CASES = (*NODE_CASES, *CAMERA_CASES, *FILE_CASES, *QUOTAS, *ENDINGS)

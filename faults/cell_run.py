@@ -53,7 +53,6 @@ class CellRun(contextlib.ExitStack):
     def start(self, *command: str) -> None:
         """Start a command."""
         self.process = process = started(command, self.folder, cwd=ROOT)
-        assert process.stdout is not None
         self._listener = threading.Thread(target=self._listen, args=(process.stdout,))
         self._listener.start()
         self.callback(self._end, process)
@@ -119,5 +118,4 @@ class CellRun(contextlib.ExitStack):
         process.wait()
         end_nodes(self.folder)
         self._listener.join(10.0)
-        assert process.stdout is not None
         process.stdout.close()

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import null_space
 
 from bench.paper.pushes import BAD_PUSH, SLIPPING, motions, plan, watch
 from bench.paper.sections import cross_section
@@ -112,8 +113,10 @@ def run_seed(seed: int) -> Seed:
         "figure10": _orientation("delrin_square3", data["delrin_square3"]),
         "figure10_fewer_data_points": _orientation("delrin_square3", fewer),
         "figure11": _subsets(data["rubber_rect4"], rng),
-        "figure13": {case: _extremes(one) for case, one in zip(FITS, weights["figure13"], strict=True)},
+        "figure13": {},
     }
+    for case, one in zip(FITS, weights["figure13"], strict=True):
+        numbers["figure13"][case] = {**one.located(), "w_min": float(one.w.min()), "w_max": float(one.w.max())}
     area = {"area_cm2": regions[-1].area * CENTIMETRE**2, "collapsed": regions[-1].area == 0}
     numbers["test_pushes"] = {**area, **located("delrin_rect_right", regions[-1].center)}
     return Seed(seed, numbers, data, weights, bounds, regions)
@@ -221,8 +224,7 @@ def least_squares_fit(observations: Sequence[Observation], points: Array) -> Arr
     pointlike = [replace(observation, half_width=0.0) for observation in observations]
     moments = np.concatenate([Moment().rows(one, support_forces(points, one.twist)).a for one in pointlike])
     uniform = np.full(len(points), 1 / len(points))
-    # the other columns of a QR decomposition that starts with the vector of ones are a basis of the changes that keep the sum
-    within = np.linalg.qr(np.column_stack((uniform, np.eye(len(points))[:, 1:])))[0][:, 1:]
+    within = null_space(uniform[None])  # the changes that keep the sum
     return np.asarray(uniform - within @ np.linalg.lstsq(moments @ within, moments @ uniform)[0])
 
 
@@ -235,11 +237,6 @@ def _feet_found(found: Weights) -> Numbers:
         "nonzero_weights": int((found.w > 1e-6).sum()),
         **found.located(),
     }
-
-
-def _extremes(found: Weights) -> Numbers:
-    """Figure 13: where p_CF is, and how far the weights go."""
-    return {**found.located(), "w_min": float(found.w.min()), "w_max": float(found.w.max())}
 
 
 def _at_feet(name: str, distance: float) -> Mask:

@@ -98,14 +98,13 @@ def limit_surface_figure(
     """
     scale, surface = np.array((1.0, 1.0, MILLIMETRE)), LimitSurface(support)
     reached = surface.reachable(contact_points, contact_normals, mu_c).wrenches * scale
-    moment = Wrench(0.0, 0.0, 1.0)
+    force, moment = Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10, 4.4), layout="constrained")
         space = figure.add_subplot(1, 2, 1, projection="3d")
         for angle in np.arange(MERIDIANS) * np.pi / MERIDIANS:
-            force = Wrench(float(np.cos(angle)), float(np.sin(angle)), 0.0)
-            section = cross_section(surface, force, moment) @ (force, moment) * scale
-            space.plot(*closed(section).T, color=GREY, lw=0.6)
+            across = Wrench(float(np.cos(angle)), float(np.sin(angle)), 0.0)
+            space.plot(*closed(cross_section(surface, across, moment) @ (across, moment) * scale).T, color=GREY, lw=0.6)
         for wrenches in reached:
             (line,) = space.plot(*wrenches.T, color=REACHED, lw=3, marker="o" if len(wrenches) == 1 else None, ms=3)
         line.set_label("what pushes reach")
@@ -113,7 +112,6 @@ def limit_surface_figure(
         space.set(title="Limit surface, units as on the right", xlabel="$f_x$", ylabel="$f_y$", zlabel="$m$")
         space.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1))
         section = figure.add_subplot(1, 2, 2)
-        force = Wrench(0.0, 1.0, 0.0)
         section.plot(*closed(cross_section(surface, force, moment) * scale[1:]).T, color=INK, lw=1.4, label="exact")
         angles = np.linspace(0, 2 * np.pi, 361)
         # the inverse of a square root of the form takes the circle to the ellipse

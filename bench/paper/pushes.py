@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -68,14 +68,14 @@ class Studied(NamedTuple):
     support: Support
     mu_c: float
     support_points: Array
-    plans: Mapping[str, tuple[int, ...]]  # pushes along each edge
+    counts: tuple[int, ...]  # pushes along each edge
     longest_turn: float  # of a push [rad]
 
 
 def of_table_1(name: str) -> Studied:
-    """An object of Table 1, without a plan; the flat ones turn quickly, and their pushes end early."""
+    """An object of Table 1; the flat ones turn quickly, and their pushes end early."""
     known = TABLE_1[name]
-    return Studied(known.outline, known.support, known.mu_c, known.support_points, {}, CONDUCT[name].longest_turn)
+    return Studied(known.outline, known.support, known.mu_c, known.support_points, known.pushes, CONDUCT[name].longest_turn)
 
 
 def plan(name: str) -> list[PlannedPush]:
@@ -143,13 +143,11 @@ def watch(name: str, moved: Sequence[Frames], seed: int, bad_push: int | None = 
     return filmed(known.outline, pushes, known.noise, np.random.default_rng((seed, number, 1)))
 
 
-def filmed(
-    outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np.random.Generator, first: int = 0
-) -> list[Observation]:
-    """The observations that a camera with this noise makes of pushes, numbered from `first` on."""
+def filmed(outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np.random.Generator) -> list[Observation]:
+    """The observations that a camera with this noise makes of pushes."""
     trajectory = Trajectory(outline)
     observations = []
-    for push_id, frames in enumerate(pushes, first):
+    for push_id, frames in enumerate(pushes):
         for frame, (position, pose) in enumerate(frames):
             stamp = round((3600 * push_id + frame / FRAME_RATE) * 1e9)
             seen = np.asarray(pose) + rng.normal(0.0, 1.0, 3) * (noise.position, noise.position, noise.angle)
@@ -159,23 +157,10 @@ def filmed(
 
 
 def objects() -> dict[str, Studied]:
-    """Those whose p_CF is studied, with the numbers of pushes of each plan."""
-    rectangle = TABLE_1["wood_rect4"]
-    triangle = Outline(np.array(CORNERS))
+    """Those whose p_CF is studied: under larger outlines, supports that no grid fits, of four areas and of feet anywhere."""
+    rectangle, triangle = TABLE_1["wood_rect4"], Outline(np.array(CORNERS))
     feet = Support(np.array(((0.03, 0.03), (0.09, 0.03), (0.03, 0.09))), np.full(3, 1 / 3))
     unequal = Support(rectangle.support.points, np.array((0.4, 0.3, 0.2, 0.1)))
-    on_long_sides = {"all": (5, 2, 5, 2), "eight": (3, 1, 3, 1)}
-    return {
-        "unequal_feet": of_table_1("wood_rect4")._replace(support=unequal, plans=on_long_sides),
-        "triangle": Studied(
-            triangle, feet, 0.3, triangle.grid(10, 10, GRID.inset), {"all": (5, 5, 5), "eight": (3, 2, 3)}, math.inf
-        ),
-        "delrin_rect_right": of_table_1("delrin_rect_right")._replace(plans=on_long_sides),
-    }
-
-
-def shapes() -> dict[str, Studied]:
-    """More supports under larger outlines, on grids that fit none of them: four areas, and feet anywhere."""
     angle = Outline(np.array(((0, 0), (0.12, 0), (0.12, 0.05), (0.05, 0.05), (0.05, 0.12), (0, 0.12))) - 0.04)
     turns = np.arange(12) * math.pi / 6
     disc = Outline(0.055 * np.column_stack((np.cos(turns), np.sin(turns))))
@@ -188,7 +173,7 @@ def shapes() -> dict[str, Studied]:
     rim = _area(disc, lambda x, y: np.asarray(np.hypot(x, y) > 0.035, dtype=float))
     eccentric = _area(plate, lambda x, y: 1 + 1.6 * x / 0.065 + 0.9 * y / 0.045)
     runners = _area(plate, lambda x, y: (np.abs(np.abs(y) - 0.035) < 0.006) * (0.8 + 0.2 * np.sign(y)))
-    supports = {
+    shapes = {
         "L": (angle, _area(angle, lambda x, y: np.ones_like(x)), (4, 1, 2, 2, 1, 4)),
         "ring": (disc, rim, (2, 1) * 6),
         "eccentric": (plate, eccentric, (5, 3, 5, 3)),
@@ -197,8 +182,12 @@ def shapes() -> dict[str, Studied]:
         "three_feet": (plate, three, (5, 3, 5, 3)),
     }
     return {
-        name: Studied(outline, support, 0.3, outline.grid(8, 6, 0.005), {"all": counts}, math.inf)
-        for name, (outline, support, counts) in supports.items()
+        "unequal_feet": of_table_1("wood_rect4")._replace(support=unequal, counts=(5, 2, 5, 2)),
+        "triangle": Studied(triangle, feet, 0.3, triangle.grid(10, 10, GRID.inset), (5, 5, 5), math.inf),
+        "delrin_rect_right": of_table_1("delrin_rect_right"),
+    } | {
+        name: Studied(outline, support, 0.3, outline.grid(8, 6, 0.005), counts, math.inf)
+        for name, (outline, support, counts) in shapes.items()
     }
 
 

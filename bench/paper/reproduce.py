@@ -7,18 +7,17 @@ from typing import Annotated
 
 import jinja2
 import typer
-from rich.progress import track
 
 from bench.paper.claims import CLOSE, CLOSE_MU, Claim, agrees, claims
 from bench.paper.experiments import rods, run_seed
 from bench.paper.figures import figures
 from bench.paper.pushes import CONDUCT
 from bench.paper.tables import Nested, Path, leaves, number, tables
+from bench.program import results_of
 from docs import markdown
-from pushfric_core.commands.console import console, say
+from pushfric_core.commands.console import say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.files.disk import make_folder, write_whole
-from pushfric_core.offline.many import results
 from pushfric_core.records import to_json
 
 COUNTS = ("data_points", "bad_data_points", "nonzero_weights")
@@ -36,8 +35,7 @@ def reproduce(
 ) -> None:
     """Reproduce the paper's tables and figures from simulated pushes: report.md, tables.json, images."""
     make_folder(out)
-    found = list(track(results(run_seed, range(seeds), jobs, dask), "seeds", seeds, console=console))
-    found.sort(key=lambda one: one.seed)
+    found = sorted(results_of(run_seed, range(seeds), jobs, dask), key=lambda one: one.seed)
     of_rods, drawn_rods = rods()
     numbers = [{**one.numbers, "figure12": of_rods} for one in found]
     summary, claimed = tables(numbers), claims(numbers)

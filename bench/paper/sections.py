@@ -23,21 +23,20 @@ def cross_section(surface: LimitSurface, first: Wrench, second: Wrench, count: i
     Raises:
         SolverFailed: a motion was not found.
     """
+
+    def on_surface(wrenches: Array) -> Array:
+        """What brings wrenches (s, 3) to the surface: factors (s, 1)."""
+        return 1 / np.sum(wrenches * surface.twists(wrenches), axis=1, keepdims=True)
+
     basis = np.array((first, second))
-    extent = 1 / _loads(surface, basis)
+    extent = on_surface(basis)[:, 0]
     angles = np.linspace(-np.pi, np.pi, count, endpoint=False)
     rays = extent * np.column_stack((np.cos(angles), np.sin(angles)))
-    rays /= _loads(surface, rays @ basis)[:, None]
+    rays *= on_surface(rays @ basis)
     half = [chord @ np.linalg.pinv(basis) for chord in _chords(surface, np.cross(*basis))]
-    chords = half + [-chord for chord in half]
-    points = np.concatenate((rays, *chords))
+    points = np.concatenate((rays, *half, *(-chord for chord in half)))
     x, y = (points / extent).T
     return np.asarray(points[np.argsort(np.arctan2(y, x))])
-
-
-def _loads(surface: LimitSurface, wrenches: Array) -> Array:
-    """Wrenches (s, 3) as multiples (s,) of those on the surface."""
-    return np.array([surface.load(Wrench(*one)) for one in wrenches.tolist()])
 
 
 def _chords(surface: LimitSurface, normal: Array) -> list[Array]:

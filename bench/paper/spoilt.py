@@ -1,12 +1,11 @@
 """Bad pushes and changed objects for the study: does outlier rejection find them, and does it leave the good pushes in?"""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bench.paper.pushes import NOISES, Frames, Studied, estimated, filmed, moved
+from bench.paper.pushes import NOISES, Frames, Studied, filmed, moved
 from pushfric_core import Observation, Pose, Support
 from pushfric_core.estimation.push_plan import even_pushes
 from pushfric_core.geometry.planar import Array
@@ -26,22 +25,20 @@ SHIFTS = (0.008, 0.004)
 SPOILT = ("drift", "wander", "jump", "lost contact")
 """Faults of a push."""
 
+CHANGE = "change"
+"""What should be said of a load that is moved."""
+
 LEAST_WEIGHT = 0.02
 """Share of its weight that each support keeps when the load is moved."""
 
 
-class Verdict(NamedTuple):
-    """What outlier rejection says of a run; None: it is not asked."""
+def runs(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, int | str | None, list[Observation]]]:
+    """Runs without a fault, with a bad push of each kind, and with loads that are moved, in each noise of the camera.
 
-    found: bool | None = None  # no observation that the fault changed is in the estimate, or the change of the object was seen
-    good: int = 0  # pushes without a fault
-    lost: int = 0  # of these were left out
-    changed: bool = False  # an object that stayed the same was said to be another one
-
-
-def verdicts(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, Verdict]]:
-    """The verdicts on runs with a bad push of each kind and with none, and on loads that are moved; by noise."""
-    plan = even_pushes(studied.outline, studied.plans["all"])
+    Yields:
+        The name of the case; what should be said: the bad push, CHANGE, or None if no observation is wrong; the observations.
+    """
+    plan = even_pushes(studied.outline, studied.counts)
     pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
     before = moved(studied, pushes, rng)
     after = {}
@@ -49,40 +46,17 @@ def verdicts(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, 
         other = studied._replace(support=with_moved_load(studied.support, shift, rng))
         after[shift] = moved(other, [pushes[index] for index in rng.permutation(len(pushes))[:AFTER].tolist()], rng)
     for noise, spread in NOISES.items():
-        camera = int(rng.integers(2**32))  # the same noise with every fault
+        camera = int(rng.integers(2**32))  # the same noise with every bad push
         clean = filmed(studied.outline, before, spread, np.random.default_rng(camera))
-        left_out, changed = _screened(clean, studied.support_points)
-        yield f"none/{noise}", Verdict(good=len(before), lost=len(left_out), changed=changed)
+        yield f"none/{noise}", None, clean
         for kind in SPOILT:
             bad, seen = with_bad_push(kind, before, rng)
             data = filmed(studied.outline, seen, spread, np.random.default_rng(camera))
-            left_out, changed = _screened(data, studied.support_points)
             harmless = {one.twist for one in data} <= {one.twist for one in clean}
-            lost = len(left_out - {bad})
-            yield f"{kind}/{noise}", Verdict(harmless or bad in left_out, len(before) - 1, lost, changed)
+            yield f"{kind}/{noise}", None if harmless else bad, data
         for shift, pushed in after.items():
             data = filmed(studied.outline, [*before[:BEFORE], *pushed], spread, rng)
-            _, changed = _screened(data, studied.support_points)
-            yield f"shift of {1e3 * shift:g} mm/{noise}", Verdict(found=changed)
-
-
-def summary(runs: Sequence[Mapping[str, Verdict]]) -> dict[str, dict[str, int | None]]:
-    """Counts for each kind of bad push or change and each noise, of all objects together; None: not asked."""
-    cases: dict[str, list[Verdict]] = {}
-    for run in runs:
-        for name, verdict in run.items():
-            cases.setdefault(name.split("/", 1)[1], []).append(verdict)
-    counts: dict[str, dict[str, int | None]] = {}
-    for case, said in cases.items():
-        totals = zip(Verdict._fields, zip(*said, strict=True), strict=True)
-        counts[case] = {"runs": len(said), **{key: None if None in all_ else sum(all_) for key, all_ in totals}}
-    return counts
-
-
-def _screened(data: Iterable[Observation], points: Array) -> tuple[set[int], bool]:
-    """The pushes that are left out at the end, and whether the object is said to be another one."""
-    estimator, estimate = estimated(data, points)
-    return {one.push_id for one in estimator.rejected}, estimate.judgement.doubts.change is not None
+            yield f"shift of {1e3 * shift:g} mm/{noise}", CHANGE, data
 
 
 def with_moved_load(support: Support, shift: float, rng: np.random.Generator) -> Support:

@@ -7,27 +7,26 @@ Further cells are about screening (module `spoilt`).
 
 import math
 import pathlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Annotated, Any, TypeVar
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.progress import track
 
 from bench import constants
 from bench.paper import spoilt
-from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1, shapes
+from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1
 from bench.paper.tables import table_of
+from bench.program import results_of
 from bench.public.zhou2015 import object_on, read_push_points
 from bench.public_pushes import center_off
 from pushfric_core import TABLE_1, InvalidInput, Observation
-from pushfric_core.commands.console import console, say
+from pushfric_core.commands.console import say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
-from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
+from pushfric_core.estimation.push_plan import even_pushes, slipping_pushes
 from pushfric_core.files.disk import make_folder, write_whole
 from pushfric_core.geometry.planar import Array
 from pushfric_core.mechanics.prediction import ELLIPSE
-from pushfric_core.offline.many import results
 from pushfric_core.records import to_json
 
 SEEDS = 200
@@ -39,6 +38,9 @@ SUBSETS = 30
 SIZES = (10, 20, 40)
 """Numbers of real pushes."""
 
+SCREENED = ("unequal_feet", "triangle", "delrin_rect_right")
+"""The objects with which bad pushes and changes are tried."""
+
 REAL_CENTER = np.full(2, 0.05)
 """True p_CF of the real triangle [m], by statics."""
 
@@ -46,29 +48,20 @@ PARTS = ("simulated", "real", "mu_c", "screened")
 """The parts of study.json with numbers, each a table of study.md; docs/estimation.md explains them."""
 
 Numbers = dict[str, Any]
-Argument, Result = TypeVar("Argument"), TypeVar("Result")
 
 
 def run_seed(seed: int) -> dict[str, Any]:
     """All simulated cells of one seed.
 
     Returns:
-        `seed`; under `cells` what was found in each, by its name; under `mu_c` that of each object of Table 1; and under
-        `screened` what screening said of bad pushes and changed objects.
+        `seed`; under `cells` what was found in each, by its name; under `mu_c` that of each object of Table 1; and as
+        `screened` the cases of bad pushes and changed objects, each with what was said of it.
     """
-    found: dict[str, Any] = {"seed": seed, "cells": {}, "mu_c": {}, "screened": {}}
+    found: dict[str, Any] = {"seed": seed, "cells": {}, "mu_c": {}, "screened": []}
     for number, (name, studied) in enumerate(objects().items()):
-        rng = np.random.default_rng((seed, number))
-        edge = int(rng.integers(len(studied.outline.vertices)))
-        offset = float(rng.uniform(-0.3, 0.3) * studied.outline.lengths[edge])
-        plans = {plan: even_pushes(studied.outline, counts) for plan, counts in studied.plans.items()}
-        found["cells"] |= _cells(name, studied, plans | {"one_place": [PlannedPush(edge, offset)] * 8}, rng)
-        verdicts = spoilt.verdicts(studied, np.random.default_rng((seed, 200 + number)))
-        found["screened"] |= {f"{name}/{case}": verdict for case, verdict in verdicts}
-    for number, (name, studied) in enumerate(shapes().items()):
-        rng = np.random.default_rng((seed, 400 + number))
-        plans = {"all": even_pushes(studied.outline, studied.plans["all"]), "places": eight_places(studied.outline, rng)}
-        found["cells"] |= _cells(name, studied, plans, rng)
+        found["cells"] |= _cells(name, studied, np.random.default_rng((seed, 397 + number)))
+        if name in SCREENED:
+            found["screened"] += _screened(studied, np.random.default_rng((seed, 200 + number)))
     for number, (name, known) in enumerate(TABLE_1.items()):
         rng = np.random.default_rng((seed, 100 + number))
         pushes = even_pushes(known.outline, known.pushes) + slipping_pushes(known.outline, (0, 2))
@@ -79,23 +72,18 @@ def run_seed(seed: int) -> dict[str, Any]:
     return found
 
 
+RUNS_OF_EACH = f"Simulated runs for each case [default: {SEEDS}; with --constants, 1]."
+REAL = "push_points.csv of zhou2015, to study real pushes too."
+CONSTANTS = "Instead, halve and double each constant of the belief; 40 minutes of one core."
+PUBLIC = "With --constants: a folder of public pushes, as `import` writes them; may be repeated."
+
+
 def study(
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write: study.json and study.md.")] = RUNS / "study",
-    seeds: Annotated[
-        int | None,
-        typer.Option(help=f"Simulated runs for each case [default: {SEEDS}; with --constants, 1].", min=1, max=10_000),
-    ] = None,
-    pushes: Annotated[
-        pathlib.Path | None, typer.Option(help="push_points.csv of zhou2015, to study real pushes too.", show_default=False)
-    ] = None,
-    of_constants: Annotated[
-        bool,
-        typer.Option("--constants", help="Instead, halve and double each constant of the belief; 40 minutes of one core."),
-    ] = False,
-    public: Annotated[
-        list[pathlib.Path] | None,
-        typer.Option(help="With --constants: a folder of public pushes, as `import` writes them; may be repeated."),
-    ] = None,
+    seeds: Annotated[int | None, typer.Option(help=RUNS_OF_EACH, min=1, max=10_000)] = None,
+    pushes: Annotated[pathlib.Path | None, typer.Option(help=REAL, show_default=False)] = None,
+    of_constants: Annotated[bool, typer.Option("--constants", help=CONSTANTS)] = False,
+    public: Annotated[list[pathlib.Path] | None, typer.Option(help=PUBLIC)] = None,
     jobs: JobsOption = -1,
     dask: DaskOption = None,
 ) -> None:
@@ -104,24 +92,20 @@ def study(
         raise InvalidInput("--public is for --constants; expected --pushes, or both")
     make_folder(out)
     if of_constants:
-        found = constants.measure(seeds or 1, public or (), lambda trials: _all(constants.scores, trials, jobs, dask))
+        found = constants.measure(seeds or 1, public or (), lambda trials: results_of(constants.scores, trials, jobs, dask))
         _write(out, found, "Constants of the belief", [part for part, numbers in found.items() if numbers])
         return
     seeds = seeds or SEEDS
     logs = {} if pushes is None else read_push_points(pushes)
-    runs = sorted(_all(run_seed, range(seeds), jobs, dask), key=lambda one: int(one["seed"]))
+    runs = sorted(results_of(run_seed, range(seeds), jobs, dask), key=lambda one: int(one["seed"]))
     summary: Numbers = {
         "seeds": seeds,
         "simulated": {name: _summary([one["cells"][name] for one in runs]) for name in runs[0]["cells"]},
         "mu_c": {name: _within([one["mu_c"][name] for one in runs if name in one["mu_c"]]) for name in TABLE_1},
-        "screened": spoilt.summary([one["screened"] for one in runs]),
+        "screened": _totals(one for run in runs for one in run["screened"]),
         "real": _real(logs),
     }
     _write(out, summary, f"Study of {seeds} seeds", [part for part in PARTS if summary[part]])
-
-
-def _all(work: Callable[[Argument], Result], arguments: Sequence[Argument], jobs: int, dask: str | None) -> Iterable[Result]:
-    return track(results(work, arguments, jobs, dask), "runs", len(arguments), console=console)
 
 
 def _write(out: pathlib.Path, numbers: Numbers, title: str, parts: Iterable[str]) -> None:
@@ -132,15 +116,37 @@ def _write(out: pathlib.Path, numbers: Numbers, title: str, parts: Iterable[str]
     say(f"report: {out / 'study.md'}")
 
 
-def _cells(
-    name: str, studied: Studied, plans: Mapping[str, Sequence[PlannedPush]], rng: np.random.Generator
-) -> Iterator[tuple[str, Numbers]]:
+def _cells(name: str, studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
     """What is found with each plan and noise, by the name of the cell."""
+    plans = {"all": even_pushes(studied.outline, studied.counts), "places": eight_places(studied.outline, rng)}
     for plan, pushes in plans.items():
         pushed = moved(studied, pushes, rng)
         for noise, spread in NOISES.items():
             data = filmed(studied.outline, pushed, spread, rng)
             yield f"{name}/{plan}/{noise}", _found(data, studied.support_points, studied.support.center_of_friction)
+
+
+def _screened(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
+    """What is said of runs with a fault: whether it is found (None: there is none), and how many good pushes are lost."""
+    for case, right, data in spoilt.runs(studied, rng):
+        estimator, estimate = estimated(data, studied.support_points)
+        left_out = {one.push_id for one in estimator.rejected}
+        changed = estimate.judgement.doubts.change is not None
+        found = None if case.startswith("none") else changed if right == spoilt.CHANGE else right is None or right in left_out
+        good = {one.push_id for one in data if right != spoilt.CHANGE} - {right}
+        lost, changed = len(good & left_out), changed and right != spoilt.CHANGE
+        yield case, {"runs": 1, "found": found, "good": len(good), "lost": lost, "changed": changed}
+
+
+def _totals(said: Iterable[tuple[str, Numbers]]) -> Numbers:
+    """The sums of all runs of each case; None: not asked."""
+    cases: dict[str, list[Numbers]] = {}
+    for case, numbers in said:
+        cases.setdefault(case, []).append(numbers)
+    return {
+        case: {key: None if runs[0][key] is None else sum(one[key] for one in runs) for key in runs[0]}
+        for case, runs in cases.items()
+    }
 
 
 def _found(data: Iterable[Observation], points: Array, truth: Array) -> Numbers:

@@ -49,13 +49,8 @@ def _merge(values: Sequence[Any], published: Mapping[str, Any]) -> Nested:
 
 def spread(values: Sequence[float]) -> tuple[float, float, float]:
     """Median and quartiles, as order statistics: infinite values do not spoil them."""
-    ranked = np.sort(np.asarray(values, dtype=float)).tolist()
-
-    def between(position: float) -> float:
-        below, above = ranked[math.floor(position)], ranked[math.ceil(position)]
-        return below if below == above else below + (above - below) * (position - math.floor(position))
-
-    low, median, high = (between(share * (len(ranked) - 1)) for share in (0.25, 0.5, 0.75))
+    places = np.multiply((0.25, 0.5, 0.75), len(values) - 1)
+    low, median, high = np.interp(places, np.arange(len(values)), np.sort(np.asarray(values, dtype=float))).tolist()
     return median, low, high
 
 

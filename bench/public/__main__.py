@@ -24,24 +24,17 @@ app = Application(pretty_exceptions_enable=False)
 DATA_SETS = {one.NAME: one for one in (zhou2015, stablepush, mitpush, cpush)}
 
 
+NAMES = f"Name of the public data set: {', '.join(DATA_SETS)}."
+SOURCES = """Part of the data set: for zhou2015 a log or push_points.csv, for stablepush stable_pushes.csv, for mitpush a clone
+of PlanarManipulationToolBox, for cpush the files of one or more runs."""
+OUT = "Folder to write: the bag, or a bag for each of several logs or objects; for mitpush and cpush, CSV files."
+
+
 @app.command()
 def import_(
-    dataset: Annotated[str, typer.Argument(help=f"Name of the public data set: {', '.join(DATA_SETS)}.", show_default=False)],
-    sources: Annotated[
-        list[pathlib.Path],
-        typer.Argument(
-            help="Part of the data set: for zhou2015 a log or push_points.csv, for stablepush stable_pushes.csv, for mitpush a "
-            "clone of PlanarManipulationToolBox, for cpush the files of one or more runs.",
-            show_default=False,
-        ),
-    ],
-    out: Annotated[
-        pathlib.Path,
-        typer.Option(
-            help="Folder to write: the bag, or a bag for each of several logs or objects; for mitpush and cpush, CSV files.",
-            show_default=False,
-        ),
-    ],
+    dataset: Annotated[str, typer.Argument(help=NAMES, show_default=False)],
+    sources: Annotated[list[pathlib.Path], typer.Argument(help=SOURCES, show_default=False)],
+    out: Annotated[pathlib.Path, typer.Option(help=OUT, show_default=False)],
 ) -> None:
     """Turn a public data set of real pushes into bags of observations, each with its object.yaml."""
     if dataset not in DATA_SETS:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_set
+from bench.public.strokes import Stroke, Written, leaving_out, observed, save_model, save_set
 from pushfric_core import InvalidInput, Outline
 from pushfric_core.files.disk import make_folder
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
@@ -37,7 +37,7 @@ LARGEST = 1e12
 """Largest number accepted in a file; times are seconds since 1970."""
 
 
-def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Imported | InvalidInput]:
+def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> Written:
     """Write the files of `strokes` for the block on each surface; push_id is the number of the run.
 
     Args:
@@ -47,21 +47,19 @@ def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> list[Im
         What was written, and why a file is not a run, or one that cannot be used.
     """
     outline = Outline.rectangle(SIDE, SIDE)
-    written: list[Imported | InvalidInput] = []
+    written: Written = []
     sets: dict[str, list[Stroke]] = {}
     for run, path in enumerate(sources):
         with leaving_out(written):
             strokes = read_run(path)
-            sets.setdefault(_surface(path), []).extend(stroke._replace(run=run) for stroke in strokes)
+            surface = next((surface for surface in SURFACES if surface in path.name.lower()), NAME)
+            sets.setdefault(surface, []).extend(stroke._replace(run=run) for stroke in strokes)
     make_folder(out, new=True)
     save_model(BLOCK, outline, out)
     for name, strokes in sets.items():
-        written.append(save_set(f"{name}_{BLOCK}", _with_radius(strokes, outline), outline, out))
+        strokes = _with_radius(strokes, outline)
+        written.append(save_set(f"{name}_{BLOCK}", strokes, observed(strokes, outline), out))
     return written
-
-
-def _surface(path: pathlib.Path) -> str:
-    return next((surface for surface in SURFACES if surface in path.name.lower()), NAME)
 
 
 def _with_radius(strokes: Sequence[Stroke], outline: Outline) -> list[Stroke]:

@@ -8,18 +8,17 @@ A file holds whole strokes of 40 mm with the ends that a fitted model predicts,
 and pairs of force and motion that the model was fitted to.
 """
 
-import functools
 import math
 import pathlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.io import loadmat
 
-from bench.public.strokes import Imported, Stroke, leaving_out, save_model, save_observations, save_set, save_strokes
+from bench.public.strokes import Stroke, Written, leaving_out, observed, save_model, save_observations, save_set, save_strokes
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.errors import blaming
 from pushfric_core.files.disk import make_folder, reading
@@ -61,7 +60,7 @@ MATRIX = re.compile(r"=\s*\[((?:[^\[\]]|\[[^\[\]]*\])*)\]")
 """A matrix that is assigned in MATLAB, perhaps of rows in brackets of their own."""
 
 
-def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported | InvalidInput]:
+def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
     """Write the files of `strokes` for every surface and shape of a clone.
 
     Args:
@@ -77,7 +76,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported | In
     if not found:
         raise InvalidInput(f"{source}: no {FOLDER}/wrench1twist1*.mat; expected a clone of PlanarManipulationToolBox")
     make_folder(out, new=True)
-    written: list[Imported | InvalidInput] = []
+    written: Written = []
     outlines: dict[str, Outline] = {}
     for shape in dict.fromkeys(shape for _, shape, _, _ in found):
         with leaving_out(written):
@@ -91,9 +90,8 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported | In
             if model == "poly4":
                 save_strokes(strokes, out / f"{name}{POLY4}")
             else:
-                written.append(save_set(name, strokes, outline, out, normal=functools.partial(normal_of, shape)))
-                pairs = [replace(pair, contact_normal=normal_of(shape, pair)) for pair in pairs]
-                save_observations(pairs, out / f"{name}.csv")
+                written.append(save_set(name, strokes, _rounded(shape, observed(strokes, outline)), out))
+                save_observations(_rounded(shape, pairs), out / f"{name}.csv")
     return written
 
 
@@ -132,13 +130,14 @@ def outline_of(shape: str, clone: pathlib.Path) -> Outline:
     return Outline(np.column_stack((np.cos(angles), np.sin(angles))) * (x, y) / 2)
 
 
-def normal_of(shape: str, observation: Observation) -> tuple[float, float]:
-    """The unit outward normal at the contact of an observation: of an ellipse that of the curve, not of one of its edges."""
+def _rounded(shape: str, observations: Iterable[Observation | None]) -> list[Observation]:
+    """The observations that there are; on an ellipse, with the normal of the curve, not of one of its edges."""
+    found = [one for one in observations if one is not None]
     if not shape.startswith("ellip"):
-        return observation.contact_normal
-    (x, y), (across, along) = observation.contact_point, SIZES[shape]
-    nx, ny = x / across**2, y / along**2
-    return nx / math.hypot(nx, ny), ny / math.hypot(nx, ny)
+        return found
+    normals = [np.divide(one.contact_point, np.square(SIZES[shape])) for one in found]
+    unit = [tuple((normal / math.hypot(*normal)).tolist()) for normal in normals]
+    return [replace(one, contact_normal=normal) for one, normal in zip(found, unit, strict=True)]
 
 
 def _listed(shape: str, path: pathlib.Path) -> Array:

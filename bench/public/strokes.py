@@ -6,9 +6,8 @@ SURFACE_OBJECT.csv with pairs of force and motion, and for each object OBJECT.ya
 
 import math
 import pathlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -59,6 +58,10 @@ class Imported(NamedTuple):
     observations: int
 
 
+Written = list[Imported | InvalidInput]
+"""What was written of a data set, and why its other parts were not."""
+
+
 class Stroke(NamedTuple):
     """A stroke in the table frame."""
 
@@ -91,7 +94,7 @@ class Stroke(NamedTuple):
 
 
 @contextmanager
-def leaving_out(written: list[Imported | InvalidInput]) -> Iterator[None]:
+def leaving_out(written: Written) -> Iterator[None]:
     """Import a part of a data set: if it cannot be used, the error goes to the list, and the others go on."""
     try:
         yield
@@ -146,28 +149,21 @@ def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
     save_table(columns, rows, path)
 
 
-def save_set(
-    name: str,
-    strokes: Sequence[Stroke],
-    outline: Outline,
-    out: pathlib.Path,
-    normal: Callable[[Observation], tuple[float, float]] = lambda point: point.contact_normal,
-) -> Imported:
+def save_set(name: str, strokes: Sequence[Stroke], points: Iterable[Observation | None], out: pathlib.Path) -> Imported:
     """Write the strokes of a set, SURFACE_OBJECT, into a folder, and those of them that are observations.
 
     Args:
         name: of the set.
         strokes: of the set.
-        outline: of the object, object frame.
+        points: the observation of each stroke, if it is one.
         out: the folder.
-        normal: the normal at the contact of an observation, if the outline is not exact.
     Raises:
         InvalidInput: a file cannot be written.
     """
     save_strokes(strokes, out / f"{name}{STROKES}")
-    points = [replace(point, contact_normal=normal(point)) for point in data_points(strokes, outline) if point is not None]
-    save_observations(points, out / f"{name}{DATA_POINTS}")
-    return Imported(out / f"{name}{STROKES}", name.rpartition("_")[2], len(points))
+    observations = [point for point in points if point is not None]
+    save_observations(observations, out / f"{name}{DATA_POINTS}")
+    return Imported(out / f"{name}{STROKES}", name.rpartition("_")[2], len(observations))
 
 
 def save_observations(observations: Sequence[Observation], path: pathlib.Path) -> None:
@@ -195,6 +191,6 @@ def save_model(name: str, outline: Outline, out: pathlib.Path) -> None:
     save_object(make_object(ObjectFile(name=name, outline=corners, support=support), name), out / f"{name}.yaml")
 
 
-def data_points(strokes: Sequence[Stroke], outline: Outline) -> list[Observation | None]:
+def observed(strokes: Sequence[Stroke], outline: Outline) -> list[Observation | None]:
     """The observation of each stroke; None if it would not be one. The push is the run, or else the number of the stroke."""
     return [one.observation(outline, number if one.run is None else one.run) for number, one in enumerate(strokes)]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from problems import four_feet, observations_of
 
-from bench.paper.pushes import NOISES, eight_places, filmed, moved, objects, shapes
+from bench.paper.pushes import NOISES, eight_places, filmed, moved, objects
 from pushfric_core import Estimator, Twist, believe, predict
 from pushfric_core.belief.constants import MOST_STRETCHES
 from pushfric_core.belief.stretches import steps_of, stretches, thinned
@@ -20,7 +20,7 @@ from pushfric_core.mechanics.prediction import ELLIPSE, Kind
 from pushfric_core.mechanics.quasi_static import ContactMode
 
 FEET = four_feet()
-POINTS, OBJECTS = FEET.truth.points, objects() | shapes()
+POINTS, OBJECTS = FEET.truth.points, objects()
 
 
 @pytest.fixture(autouse=True)
@@ -43,7 +43,7 @@ def noisy(data, share, seed=0):
 def seen(name, noise, seed, angle=0.0):
     """An object, and what a camera sees of pushes at this angle to either side, or of pushes at eight places."""
     studied, rng = OBJECTS[name], np.random.default_rng(seed)
-    pushes = even_pushes(studied.outline, studied.plans["all"]) if seed % 2 else eight_places(studied.outline, rng)
+    pushes = even_pushes(studied.outline, studied.counts) if seed % 2 else eight_places(studied.outline, rng)
     pushes = [PlannedPush(push.edge, push.offset, angle * (-1) ** k) for k, push in enumerate(pushes)]
     return studied, filmed(studied.outline, moved(studied, pushes, rng), NOISES[noise], rng)
 
