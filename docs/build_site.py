@@ -30,16 +30,30 @@ from pushfric_core.commands.program import run, undoing
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 CONFIGURATION: dict[str, Any] = {
-    **{"project": "pushfric", "author": "the pushfric authors", "release": pushfric_core.__version__},
+    "project": "pushfric",
+    "author": "the pushfric authors",
+    "release": pushfric_core.__version__,
     "extensions": ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "docs.build_site"],
     "exclude_patterns": ["bags"],
-    **{"myst_heading_anchors": 4, "myst_enable_extensions": ["dollarmath"], "html_math_renderer": "mathml"},
-    **{"nb_execution_mode": "force", "nb_execution_raise_on_error": True, "nb_execution_show_tb": True},
-    **{"html_theme": "furo", "html_title": "pushfric", "html_show_copyright": False},
-    **{"autodoc_member_order": "bysource", "autodoc_typehints": "description", "autodoc_class_signature": "mixed"},
-    **{"python_use_unqualified_type_names": True, "add_module_names": False, "smartquotes": False},
+    "myst_heading_anchors": 4,
+    "myst_enable_extensions": ["dollarmath"],
+    "html_math_renderer": "mathml",
+    "nb_execution_mode": "force",
+    "nb_execution_raise_on_error": True,
+    "nb_execution_show_tb": True,
+    "html_theme": "furo",
+    "html_title": "pushfric",
+    "html_show_copyright": False,
+    "autodoc_member_order": "bysource",
+    "autodoc_typehints": "description",
+    "autodoc_class_signature": "mixed",
+    "python_use_unqualified_type_names": True,
+    "add_module_names": False,
+    "smartquotes": False,
     "autodoc_typehints_description_target": "documented",
-    **{"html_static_path": ["site.css", "copy.js"], "html_css_files": ["site.css"], "html_js_files": ["copy.js"]},
+    "html_static_path": ["site.css", "copy.js"],
+    "html_css_files": ["site.css"],
+    "html_js_files": ["copy.js"],
 }
 
 

@@ -3,13 +3,16 @@
 python3 examples/arm_and_tag.py
 """
 
+import contextlib
 import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import rclpy
 from geometry_msgs.msg import Point, PoseStamped, Quaternion
 from geometry_msgs.msg import Pose as PoseMsg
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import Header
 
@@ -17,7 +20,6 @@ from pushfric_core import TABLE_1, Pose, PushedObject, PushingLine
 from pushfric_core.estimation.push_plan import PlannedPush, planned_contact
 from pushfric_core.geometry.planar import compose, transform
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.process import run_node
 
 NAME = "wood_rect4"
 RATE = 30.0  # frames of the detector, and three times as many poses of the tool [Hz]
@@ -87,4 +89,6 @@ class ArmAndTag(Node):
 
 
 if __name__ == "__main__":
-    run_node(lambda: ArmAndTag(namespace="/cell"))
+    rclpy.init()
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.spin(ArmAndTag(namespace="/cell"))

@@ -19,6 +19,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from pushfric_core import FrictionModel, Observation, Pose, PushedObject, PushingLine, Support, Trajectory, predict_strokes
@@ -30,7 +33,6 @@ from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.srv import PredictStroke
 from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.node_kit.planner_client import planner_client
-from pushfric_ros.node_kit.visit import Visit, visit
 
 LOADS = {"delrin_rect_right": None, "wood_rect3": (0.6, 0.25, 0.15), "wood_rect4": (0.5, 0.3, 0.1, 0.1)}
 """The objects, and how their supports are loaded; None: as in Table 1."""
@@ -99,23 +101,26 @@ class LearningPlanner(Planner):
     """Asks the planner node once there is a model, which the estimator learns from what is observed.
 
     Args:
-        here: a node in the cell's namespace.
+        node: in the cell's namespace; not spun by others.
         name: of the object, as the estimator knows it.
     Raises:
         SystemExit: a node is missing or refuses, or the planner knows another object; also in its methods.
     """
 
-    def __init__(self, here: Visit, name: str) -> None:
+    def __init__(self, node: Node, name: str) -> None:
         known = loaded(name)
         super().__init__(known, even(known))
-        self._here, self._name = here, name
-        self._strokes = planner_client(here.node, PredictStroke)
-        self._reset = here.node.create_client(Trigger, "estimator/reset")
-        self._observations = here.node.create_publisher(ObservationMsg, "observation", 2000)
-        for other, client in (("planner", self._strokes), ("estimator", self._reset)):
-            if not client.wait_for_service(PATIENCE):
-                where = here.node.get_namespace()
-                raise SystemExit(f"error: no {other} in {where}: start the nodes as the first lines of the example say")
+        self._node, self._name = node, name
+        self._strokes = planner_client(node, PredictStroke)
+        self._reset = node.create_client(Trigger, "estimator/reset")
+        self._observations = node.create_publisher(ObservationMsg, "observation", 2000)
+        there = {"planner": self._strokes.service_is_ready, "estimator": self._observations.get_subscription_count}
+        deadline = time.monotonic() + PATIENCE
+        while missing := [other for other, is_there in there.items() if not is_there()]:
+            if time.monotonic() > deadline:
+                where = node.get_namespace()
+                raise SystemExit(f"error: no {missing[0]} in {where}: start the nodes as the first lines of the example say")
+            rclpy.spin_once(node, timeout_sec=0.1)
 
     def forget(self) -> None:
         self._called(self._reset, Trigger.Request())
@@ -147,12 +152,13 @@ class LearningPlanner(Planner):
             self._observations.publish(observation_to_msg(observation, self._name))
         deadline = time.monotonic() + SETTLED
         while observations and self._newest < observations[-1].stamp and time.monotonic() < deadline:
-            self._here.spin_once(0.05)
+            rclpy.spin_once(self._node, timeout_sec=0.05)
             self.ends(np.zeros((1, 3)), np.zeros((1, 4)))
 
     def _called(self, client, request):
         future = client.call_async(request)
-        if not self._here.spin_until(future, PATIENCE):
+        rclpy.spin_until_future_complete(self._node, future, timeout_sec=PATIENCE)
+        if not future.done():
             raise SystemExit(f"error: {client.service_name} has not answered for {PATIENCE:.0f} s")
         return future.result()
 
@@ -243,11 +249,11 @@ def place(planner: Planner, seed: int) -> Course:
     return Course(poses, distance(known, np.array(poses)).tolist())
 
 
-def run(here: Visit, name: str, seeds: Sequence[int]) -> dict[str, list[Course]]:
+def run(node: Node, name: str, seeds: Sequence[int]) -> dict[str, list[Course]]:
     """Tries from the same poses: with a friction that is learned in each, with even pressure, and with the true friction."""
     known = loaded(name)
     planners = {
-        "learned": LearningPlanner(here, name),
+        "learned": LearningPlanner(node, name),
         "even": Planner(known, even(known)),
         "true": Planner(known, FrictionModel.of(known.support, known.mu_c)),
     }
@@ -275,12 +281,14 @@ def draw(courses: dict[str, list[Course]], path: str) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--object", choices=LOADS, default="delrin_rect_right", help="what is pushed: the estimator's object")
+    parser.add_argument(
+        "--object", choices=LOADS, default="delrin_rect_right", help="what is pushed; the estimator must know it"
+    )
     parser.add_argument("--seeds", type=int, default=20, help="how many tries with each kind of friction")
     parser.add_argument("--figure", help="draw the errors there (.png, .svg, .pdf)")
     given = parser.parse_args()
-    with visit("push_to_pose", "/cell") as here:
-        courses = run(here, given.object, range(given.seeds))
+    rclpy.init()
+    courses = run(Node("push_to_pose", namespace="/cell"), given.object, range(given.seeds))
     for name, tries in courses.items():
         final = 1e3 * np.array([each.errors[-1] for each in tries])
         print(f"{name}: median final error {np.median(final):.2f} mm, 90 % below {np.percentile(final, 90):.2f} mm")
@@ -289,5 +297,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    with contextlib.suppress(KeyboardInterrupt):
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
         main()

@@ -54,7 +54,8 @@ def test_real_pushes_that_were_not_fitted_are_predicted(real_pushes):
         chosen = np.random.default_rng(len(errors["even"])).permutation(len(pushes))
         fitted, others = ([pushes[index] for index in half] for half in np.array_split(chosen, 2))
         model = friction_model(Estimator(zhou2015.object_on(log).support_points).add(fitted))
-        models = {"learned": model, "even": FrictionModel.of(Support(even, np.full(len(even), 1 / len(even))), model.median_mu_c)}
+        flat = Support(even, np.full(len(even), 1 / len(even)))
+        models = {"learned": model, "even": FrictionModel.of(flat, model.median_mu_c)}
         names = ("contact_point", "contact_normal", "tip_velocity", "twist")
         points, normals, velocities, truth = (np.array([getattr(one, name) for one in others]) for name in names)
         for name, one in models.items():
