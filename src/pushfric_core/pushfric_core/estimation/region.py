@@ -22,7 +22,7 @@ from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, as_array, left_of, velocity_at
 from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.records import comparable
-from pushfric_core.settings import check_ranges, setting
+from pushfric_core.settings import Ranged, setting
 from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.program import Program, Status
 from pushfric_core.trajectories.observation import Observation
@@ -32,15 +32,12 @@ SLACK = 1e-9
 
 
 @dataclass(frozen=True)
-class RegionConfig:
+class RegionConfig(Ranged):
     """How far the half-planes from measured observations are trusted."""
 
     region_margin: float = setting(
         0.002, "margin of the half-planes that bound the region of p_CF [m]; 0: as in the paper", 0.0, 0.1
     )
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 class HalfPlane(NamedTuple):
