@@ -65,7 +65,6 @@ class RecorderNode(Node):
         self._bytes = 0
         self._reported = (time.monotonic(), 0)  # (time of the last diagnostics [s], messages until then)
         self._receptions: dict[str, Reception] = {}  # by topic
-        self._reported_lost: dict[str, int] = {}
         self._waiting: list[tuple[str, bytes]] = []  # messages that wait for the first /clock
         self._refused: set[str] = set()
         for topic in known:
@@ -106,7 +105,8 @@ class RecorderNode(Node):
         start = self._bag.start_ns
         if losses.first_ns is None or start is None:
             return ""
-        return f" (from {(losses.first_ns - start) * 1e-9:.3f} s to {(losses.until_ns - start) * 1e-9:.3f} s)"
+        begin, end = (max(at - start, 0) * 1e-9 for at in (losses.first_ns, losses.until_ns))
+        return f" (from {begin:.3f} s to {end:.3f} s)"
 
     def _resolved(self, topic: KnownTopic) -> KnownTopic:
         try:
@@ -124,8 +124,7 @@ class RecorderNode(Node):
         kind, record = message_class(type_name), partial(self._on_message, name)
         self._receptions[name] = Reception(self, kind, name, record, deep, raw=True)
 
-    def _on_message(self, name: str, raw: bytes) -> int:
-        """Record a message; return its log time [ns], or 0 while it waits for the first /clock."""
+    def _on_message(self, name: str, raw: bytes) -> None:
         self._bytes += len(raw)
         now = self.get_clock().now().nanoseconds
         if now == 0:
@@ -133,7 +132,6 @@ class RecorderNode(Node):
         else:
             self._write_waiting(now)
             self._bag.write(name, now, raw)
-        return now
 
     def _write_waiting(self, stamp_ns: int) -> None:
         waiting, self._waiting = self._waiting, []
@@ -164,13 +162,11 @@ class RecorderNode(Node):
     def _health(self) -> Health:
         count = self._bag.message_count + len(self._waiting)
         # a loss is warned of once and stays in the count, because what is recorded after it is complete again
-        before_lost = self._reported_lost
-        self._reported_lost = {name: received.losses.messages for name, received in self._receptions.items()}
-        lost = {name: total - before_lost.get(name, 0) for name, total in self._reported_lost.items()}
+        lost = {name: received.losses.new() for name, received in self._receptions.items()}
         values: dict[str, Any] = {
             "messages": count,
             "bytes": self._bytes,
-            "lost": sum(self._reported_lost.values()),
+            "lost": sum(received.losses.messages for received in self._receptions.values()),
             "topics": len(self._bag.topics),
         }
         (then, before), self._reported = self._reported, (time.monotonic(), count)

@@ -23,7 +23,7 @@ from pushfric_core.vision.sighting import NotSeen, Tracker
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_core.wording import counted
 from pushfric_ros.node_kit import network
-from pushfric_ros.node_kit.losses import Losses
+from pushfric_ros.node_kit.losses import Reception
 from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE, MESSAGES
 
@@ -97,11 +97,9 @@ def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> 
 def _watch_topic(source: str, namespace: str) -> Watched:
     frames: list[ReceivedFrame] = []
     problems: list[str] = []
-    losses = Losses(IMAGE_QUEUE)
 
-    def take(msg: Any, info: Any) -> None:
+    def take(msg: Any) -> None:
         arrival = time.time_ns()
-        losses.count(info.get("publication_sequence_number"), publishers)
         try:
             image = image_from_msg(msg)
         except ValueError as error:
@@ -109,17 +107,14 @@ def _watch_topic(source: str, namespace: str) -> Watched:
             return
         frames.append(ReceivedFrame(stamp_from_msg(msg.header.stamp), arrival, image))
 
-    def publishers() -> int:
-        return subscription.get_publisher_count()
-
     with visit("doctor", namespace, images=True) as here:
-        subscription = here.node.create_subscription(MESSAGES[source], TOPICS[source], take, IMAGE_QUEUE)
+        received = Reception(here.node, MESSAGES[source], TOPICS[source], take, IMAGE_QUEUE)
         deadline = time.monotonic() + FRAME_TIMEOUT
         while len(frames) < FRAMES and not problems and time.monotonic() < deadline:
             here.spin_once(0.1)
             if len(frames) == 1:
                 deadline = min(deadline, time.monotonic() + WATCHED)
-        watched = Watched(frames, losses.messages, publishers())
+        watched = Watched(frames, received.losses.messages, received.subscription.get_publisher_count())
     if problems:
         raise InvalidInput(f"{TOPICS[source]}: {problems[0]}")
     return watched
