@@ -13,8 +13,8 @@ from rich.table import Table
 
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, SimulationConfig, ViewConfig
-from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import AUTO_VIEW, HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.application import AUTO_VIEW, Application
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
 from pushfric_core.commands.console import console, fail, write_json
 from pushfric_core.commands.options import RUNS, JsonOption
 from pushfric_core.commands.program import telling_what_is_left
@@ -49,7 +49,7 @@ PLAYED, ASIDE = 7, 0.03
 app = Application()
 
 
-@app.command(cls=WithView)
+@app.command()
 def demo(
     headless: HeadlessFlag = False,
     view: ViewOption = "",

@@ -11,7 +11,7 @@ import typer
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.options import RUNS
 from pushfric_core.commands.program import telling_what_is_left
@@ -27,7 +27,7 @@ from pushfric_ros.graph import graph
 app = Application()
 
 
-@app.command(cls=WithView)
+@app.command()
 def run(
     cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
     bag: Annotated[
