@@ -76,7 +76,7 @@ class NodeProcess:
     def running(self) -> bool:
         """Whether the process has not ended yet."""
         self._server.listen()
-        return self.returncode is None and (not self._server.gone or _runs(self.pid))
+        return self.returncode is None and (not self._server.gone or state_of(self.pid) not in "ZX")
 
     def wait(self, seconds: float) -> None:
         """Wait for the end of the process, for at most this long [s]."""
@@ -190,12 +190,12 @@ class ForkServer:
             self._processes.pop(ended).returncode = code
 
 
-def _runs(pid: int) -> bool:
-    """Whether a process that is no child of this one has not ended."""
+def state_of(pid: int) -> str:
+    """The state of a process, which follows the command's name in proc_pid_stat(5): T, stopped; Z or X, it has ended."""
     try:
-        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:  # it has ended, or this is not Linux
+        return "X"
 
 
 _prepared: list[ForkServer] = []
