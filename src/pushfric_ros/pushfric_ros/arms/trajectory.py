@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -89,7 +90,7 @@ class Chain:
             if joint.slides:
                 place = place + position * axes @ joint.axis
             else:
-                axes = axes @ turn(joint.axis, position)
+                axes = axes @ Rotation.from_rotvec(position * joint.axis).as_matrix()
         end = place + axes @ self._end
         columns = [
             np.concatenate((axis, np.zeros(3)) if joint.slides else (np.cross(axis, end - at), axis))
@@ -117,8 +118,7 @@ def _joints(path: list[ElementTree.Element]) -> tuple[list[Joint], Array]:
         kind, name = joint.get("type"), joint.get("name", "")
         origin = joint.find("origin")
         here = np.zeros(6) if origin is None else np.array((_numbers(origin, "xyz"), _numbers(origin, "rpy"))).ravel()
-        roll, pitch, yaw = here[3:]
-        place, axes = place + axes @ here[:3], axes @ turn(UP, yaw) @ turn(LEFT, pitch) @ turn(AHEAD, roll)
+        place, axes = place + axes @ here[:3], axes @ Rotation.from_euler("xyz", here[3:]).as_matrix()
         if kind == "fixed":
             continue
         kind = kind if joint.find("mimic") is None else "mimic"
@@ -154,16 +154,6 @@ def _numbers(element: ElementTree.Element, key: str) -> list[float]:
     if not np.isfinite((x, y, z)).all():
         raise ValueError(f"{key} must be three numbers, got {text!r}")
     return [x, y, z]
-
-
-def turn(axis: Array, angle: float) -> Array:
-    """Rotation matrix about a unit vector (3,), by Rodrigues' formula."""
-    x, y, z = axis
-    k = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
-
-
-AHEAD, LEFT, UP = np.eye(3)
 
 
 LEGS = ((0.06, True), (0.09, True), (0.1, False))
