@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core import settings
 from pushfric_core.errors import InvalidInput
@@ -63,6 +66,20 @@ def _default(field: Any) -> Any:
         return None
     value = settings.plain_value(field.default)
     return None if value == [] else value  # ROS cannot find the type of an empty list
+
+
+def topic_name(node: Node, parameter: str, text: str) -> str:
+    """The full name of a topic that a parameter lists, before any remapping.
+
+    Raises:
+        InvalidInput: it is no name of a topic.
+    """
+    try:
+        name: str = expand_topic_name(text, node.get_name(), node.get_namespace())
+        validate_full_topic_name(name)
+    except InvalidTopicNameException as error:
+        raise InvalidInput(f"{node.get_fully_qualified_name()}: parameter {parameter}: {text!r} is not a topic") from error
+    return name
 
 
 def overrides(values: Mapping[str, Any]) -> list[Parameter]:

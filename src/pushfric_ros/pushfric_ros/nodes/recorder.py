@@ -8,11 +8,8 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.cell.node_settings import KnownTopic, RecorderConfig, RecordingConfig
@@ -22,7 +19,7 @@ from pushfric_core.wording import counted
 from pushfric_ros.messages.types import definition, message_class, type_hash
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.losses import Losses, Reception
-from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.parameters import declare, topic_name
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import NAMED, RELIABLE, deepened
 from pushfric_ros.node_kit.timers import wall_timer
@@ -109,10 +106,7 @@ class RecorderNode(Node):
         return f" (from {begin:.3f} s to {end:.3f} s)"
 
     def _resolved(self, topic: KnownTopic) -> KnownTopic:
-        try:
-            validate_full_topic_name(expand_topic_name(topic.name, self.get_name(), self.get_namespace()))
-        except InvalidTopicNameException as error:
-            raise InvalidInput(f"{self.get_fully_qualified_name()}: parameter topics: {topic.name!r} is not a topic") from error
+        topic_name(self, "topics", topic.name)  # refuses what is none
         return topic._replace(name=self.resolve_topic_name(topic.name))
 
     def _record(
