@@ -23,7 +23,6 @@ ViewOption = Annotated[
         "--view",
         help=f"Show the run in a browser, on this machine alone unless a HOST is given; at port {VIEW_PORT} unless a PORT is.",
         metavar=ADDRESS_METAVAR,
-        show_default=False,
     ),
 ]
 

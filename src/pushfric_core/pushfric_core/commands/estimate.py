@@ -31,30 +31,23 @@ from pushfric_core.records import to_json
 
 def estimate(
     inputs: Annotated[
-        list[pathlib.Path],
-        typer.Argument(metavar="INPUT", help="Bag (folder or .mcap), or CSV of observations.", show_default=False),
+        list[pathlib.Path], typer.Argument(metavar="INPUT", help="Bag (folder or .mcap), or CSV of observations.")
     ],
     settings: ChosenSettings,
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
     figure: Annotated[
-        pathlib.Path | None,
-        typer.Option(help="Draw pushes, w, mu_c and p_CF to this file (.png, .svg, .pdf).", show_default=False),
+        pathlib.Path | None, typer.Option(help="Draw pushes, w, mu_c and p_CF to this file (.png, .svg, .pdf).")
     ] = None,
     save: Annotated[
-        pathlib.Path | None,
-        typer.Option(help="Write the estimate to this file (.yaml), as a model for predict and stable.", show_default=False),
+        pathlib.Path | None, typer.Option(help="Write the estimate to this file (.yaml), as a model for predict and stable.")
     ] = None,
     partial: PartialFlag = False,
     namespace: CellOption = None,
     samples: Annotated[bool, typer.Option("--samples", help="Add weighted samples of w and mu_c to the JSON.")] = False,
     out: Annotated[
-        pathlib.Path | None,
-        typer.Option(
-            help="Folder to write: a table and models, from many inputs or folders of inputs.",
-            show_default=False,
-        ),
+        pathlib.Path | None, typer.Option(help="Folder to write: a table and models, from many inputs or folders of inputs.")
     ] = None,
     jobs: JobsOption = -1,
     dask: DaskOption = None,

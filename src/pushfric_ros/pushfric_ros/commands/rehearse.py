@@ -33,7 +33,7 @@ app = Application()
 
 @app.command("rehearse")
 def rehearsal(
-    port: Annotated[str, typer.Option(help="Serial port of the GRBL controller.", show_default=False)] = "",
+    port: Annotated[str, typer.Option(help="Serial port of the GRBL controller.")] = "",
     stroke: Annotated[
         float | None,
         typer.Option(

@@ -26,7 +26,7 @@ app = Application()
 
 @app.command()
 def replay(
-    bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.", show_default=False)],
+    bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.")],
     object_name: ObjectOption = "",
     rate: Annotated[float, option(PlayerConfig, "rate")] = PlayerConfig.rate,
     partial: PartialFlag = False,

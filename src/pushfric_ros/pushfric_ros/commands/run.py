@@ -29,7 +29,7 @@ app = Application()
 
 @app.command()
 def run(
-    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.")],
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")
     ] = None,
@@ -46,8 +46,7 @@ def run(
         typer.Option(help="Save the model to this file (.yaml).", show_default="estimator.save of the cell"),
     ] = None,
     simulated_camera: Annotated[
-        bool,
-        typer.Option("--simulated-camera", help="The real controller moves, without an object; the camera is simulated."),
+        bool, typer.Option("--simulated-camera", help="The real controller moves, without an object; the camera is simulated.")
     ] = False,
     simulated: Annotated[
         bool, typer.Option("--simulated", help="Controller and camera are simulated, at five times real time; nothing moves.")

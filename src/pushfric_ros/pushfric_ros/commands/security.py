@@ -58,8 +58,8 @@ class Permission(NamedTuple):
 
 @app.command()
 def security(
-    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
-    out: Annotated[pathlib.Path, typer.Option(help=f"Folder for {FILE}.", show_default=False)],
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.")],
+    out: Annotated[pathlib.Path, typer.Option(help=f"Folder for {FILE}.")],
 ) -> None:
     """docs/security.md says how to make keys from the policy, and how to switch it on."""
     file = load_cell(cell)
