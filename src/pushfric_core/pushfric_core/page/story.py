@@ -75,7 +75,7 @@ BELIEF = ("center_of_friction", "covariance", "radius", "mu_c", "w")
 """... and those of its belief."""
 
 PLAN_FIGURES = ("count", "completed", "aborted", "skipped", "in_place", "purpose", "message", "details")
-"""What the page shows of the plan as the message has it."""
+"""Fields of the plan that the page shows as the message has them."""
 
 PHASES = constants("PlanProgress")
 PHASE_NAMES = {number: name.removeprefix("PHASE_").lower() for name, number in PHASES.items()}
