@@ -13,6 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from rclpy.utilities import get_rmw_implementation_identifier
 
 from pushfric_ros.node_kit.network import configured
 
@@ -102,3 +103,8 @@ def enclave(namespace: str, name: str) -> str:
 def visit(name: str, namespace: str = "", images: bool = False) -> Visit[Node]:
     """A visit by a node with nothing of its own, which may take `images` if this is the first visit of its process."""
     return Visit(partial(Node, name, namespace=namespace), images=images)
+
+
+def middleware() -> str:
+    """Name of the RMW implementation in use."""
+    return get_rmw_implementation_identifier()

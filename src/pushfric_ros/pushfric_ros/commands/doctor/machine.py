@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from rclpy.utilities import get_rmw_implementation_identifier
 from std_srvs.srv import Trigger
 
 from pushfric_core.commands import dependencies
@@ -23,7 +22,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.pushers.pusher import Check, Grade
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.process import URGENT
-from pushfric_ros.node_kit.visit import visit
+from pushfric_ros.node_kit.visit import middleware, visit
 
 TRIED_DISTROS, TRIED_RMW = ("jazzy", "kilted"), "rmw_fastrtps_cpp"
 
@@ -37,7 +36,7 @@ TIME_ERROR = 5  # what adjtimex returns if nothing disciplines the clock (linux/
 
 def check_ros() -> Check:
     """Python, ROS 2 and its middleware."""
-    distro, rmw = os.environ.get("ROS_DISTRO", ""), get_rmw_implementation_identifier()
+    distro, rmw = os.environ.get("ROS_DISTRO", ""), middleware()
     finding = f"Python {sys.version.split()[0]}, ROS 2 {distro or 'of unknown distribution'}, {rmw}"
     if distro not in TRIED_DISTROS or rmw != TRIED_RMW:
         advice = f"it may well work; {' and '.join(TRIED_DISTROS)} with RMW_IMPLEMENTATION={TRIED_RMW} were tested"
