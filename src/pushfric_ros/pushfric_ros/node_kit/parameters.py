@@ -99,13 +99,9 @@ def _descriptor(field: Any, hint: Any) -> ParameterDescriptor:
         return descriptor
     low, high = field.metadata.get("low"), field.metadata.get("high")
     if low is not None or high is not None:
-        if hint is int:
-            span = IntegerRange(
-                from_value=int(-ENDLESS if low is None else low), to_value=int(ENDLESS if high is None else high)
-            )
-            descriptor.integer_range = [span]
-        else:
-            infinity = math.inf
-            span = FloatingPointRange(from_value=-infinity if low is None else low, to_value=infinity if high is None else high)
-            descriptor.floating_point_range = [span]
+        kind, end, name = (
+            (IntegerRange, ENDLESS, "integer_range") if hint is int else (FloatingPointRange, math.inf, "floating_point_range")
+        )
+        span = kind(from_value=hint(-end if low is None else low), to_value=hint(end if high is None else high))
+        setattr(descriptor, name, [span])
     return descriptor
