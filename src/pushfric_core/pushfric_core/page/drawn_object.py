@@ -10,13 +10,13 @@ from typing import Annotated, Any
 import cv2
 import numpy as np
 import shapely
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import Length, ObjectFile, ObjectModel, Point, edited_object
-from pushfric_core.files.yaml_files import Strict, complaint, read_yaml
+from pushfric_core.files.yaml_files import Strict, fitting, read_yaml
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.page.server import PageServer, Reply, Request
 from pushfric_core.records import mapped
@@ -99,10 +99,8 @@ class DrawnObject:
         Raises:
             InvalidInput: the text is no drawing.
         """
-        try:
+        with fitting("expected a drawing"):
             drawing = Drawing.model_validate_json(body)
-        except ValidationError as error:
-            raise InvalidInput(f"expected a drawing: {complaint(error)}") from error
         if drawing.find:
             try:
                 drawing = drawing.model_copy(update={"outline": self._found(drawing), "find": False})

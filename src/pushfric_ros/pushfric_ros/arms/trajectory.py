@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from pushfric_core.errors import blaming
 from pushfric_core.geometry.planar import Array
 from pushfric_core.settings import setting
 from pushfric_ros.arms.arm import DEAD_MAN, ArmConfig, Command
@@ -59,19 +60,17 @@ class Chain:
         Raises:
             ValueError: it is none, or no chain of joints leads from the reference to the frame.
         """
-        try:
+        with blaming("is not XML", ElementTree.ParseError, error=ValueError):
             root = ElementTree.fromstring(urdf)
-            above = {_of(joint, "child", "link"): joint for joint in root.iter("joint") if joint.find("child") is not None}
-            path: list[ElementTree.Element] = []
-            link = frame
-            while link != reference:
-                if link not in above or above[link] in path:
-                    raise ValueError(f"no joints lead from {reference!r} to {frame!r}")
-                path.insert(0, above[link])
-                link = _of(above[link], "parent", "link")
-            return cls(*_joints(path))
-        except ElementTree.ParseError as error:
-            raise ValueError(f"is not XML: {error}") from error
+        above = {_of(joint, "child", "link"): joint for joint in root.iter("joint") if joint.find("child") is not None}
+        path: list[ElementTree.Element] = []
+        link = frame
+        while link != reference:
+            if link not in above or above[link] in path:
+                raise ValueError(f"no joints lead from {reference!r} to {frame!r}")
+            path.insert(0, above[link])
+            link = _of(above[link], "parent", "link")
+        return cls(*_joints(path))
 
     @property
     def names(self) -> list[str]:
