@@ -53,10 +53,14 @@ class Awaited:
     Args:
         node: the node that waits.
         names: of the nodes it waits for, relative to its namespace.
+    Attributes:
+        no_pose: why there are no poses of the object, as whichever node of the cell publishes them says; empty if there are.
     """
 
     def __init__(self, node: Node, names: Iterable[str]) -> None:
-        self._names = frozenset(f"{node.get_namespace()}/{name}".replace("//", "/") for name in names if name)
+        self._prefix = f"{node.get_namespace().rstrip('/')}/"
+        self._names = frozenset(self._prefix + name for name in names if name)
+        self.no_pose = ""
         self._missing = set(self._names)
         self._at_first = True
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
@@ -72,6 +76,9 @@ class Awaited:
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         self._missing -= {status.name for status in msg.status if status.level == DiagnosticStatus.OK or not self._at_first}
+        for status in msg.status:
+            if status.name.rpartition("/")[0] + "/" == self._prefix:
+                self.no_pose = next((figure.value for figure in status.values if figure.key == NO_POSE), self.no_pose)
 
 
 class Diagnostics:

@@ -3,7 +3,7 @@
 `qos` says on which topics messages can be lost, and what follows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.event_handler import QoSMessageLostInfo, QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
@@ -101,10 +101,7 @@ class Reception:
 
     def drain(self) -> None:
         """Call back with the messages that have arrived and still wait, although the node is no longer spun."""
-        for _ in range(self._quality.depth):
-            taken = self.subscription.handle.take_message(self.subscription.msg_type, self._raw)
-            if taken is None:
-                return
+        for taken in waiting(self.subscription, self._raw):
             self._on_message(*taken)
 
     def _subscribed(self) -> Subscription:
@@ -136,3 +133,12 @@ class Reception:
         )
         self.losses = Losses(self._quality)
         self.subscription = self._subscribed()
+
+
+def waiting(subscription: Subscription, raw: bool = False) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """The messages that wait in a subscription's queue, or their bytes, each with what the middleware says of it."""
+    with subscription.handle:
+        for _ in range(subscription.qos_profile.depth):
+            if (taken := subscription.handle.take_message(subscription.msg_type, raw)) is None:
+                return
+            yield taken
