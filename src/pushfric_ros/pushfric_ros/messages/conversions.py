@@ -196,11 +196,7 @@ def _get(msg: Any, name: str, kind: Any) -> Any:
     return there if isinstance(there, int | str) else list(there)
 
 
-MODE_TO_MSG = {
-    ContactMode.FREE: PredictPush.Response.FREE,
-    ContactMode.STICKING: PredictPush.Response.STICKING,
-    ContactMode.SLIDING: PredictPush.Response.SLIDING,
-}
+MODE_TO_MSG = {mode: getattr(PredictPush.Response, mode.name) for mode in ContactMode}
 
 MODE_NAMES = {getattr(PusherState, name): name[5:].lower() for name in dir(PusherState) if name.startswith("MODE_")}
 """The modes of a pusher, in words."""
