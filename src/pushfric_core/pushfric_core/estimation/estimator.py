@@ -182,13 +182,6 @@ def _from_outside(name: str) -> Constraint:
     return made
 
 
-def free_radii(support_points: Array, config: EstimatorConfig) -> FreeRadii:
-    """How near the centre of rotation supports (n, 2) [m] may push any way."""
-    if config.cor_radius is not None:
-        return FreeRadii(config.cor_radius, config.cor_radius)
-    return FreeRadii(0.0, COR_SHARE * rms_arm(support_points))
-
-
 AT_ONCE = 100
 """So many observations are taken again without a pause."""
 
@@ -234,7 +227,8 @@ class Estimator:
         self.support_points = check_points(support_points)
         self.outline = outline
         self.config = config = config or EstimatorConfig()
-        self._free = free or free_radii(self.support_points, config)
+        wholly, partly = config.cor_radius or 0.0, config.cor_radius
+        self._free = free or FreeRadii(wholly, COR_SHARE * rms_arm(self.support_points) if partly is None else partly)
         self._columns = len(self.support_points) + config.with_scale
         self._center: Array | None = None
         if center_of_friction is not None:
