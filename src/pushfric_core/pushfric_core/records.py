@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
@@ -72,14 +72,17 @@ def plain(value: Any) -> Any:
 
 def to_json(value: Any) -> str:
     """JSON on one line, of dicts, lists and arrays; infinite numbers and NaN become the strings "inf", "-inf" and "nan"."""
-    return json.dumps(_finite(value), allow_nan=False)
+    return json.dumps(mapped(value, _finite), allow_nan=False)
+
+
+def mapped(value: Any, change: Callable[[Any], Any]) -> Any:
+    """The same with each leaf of its dicts, lists, tuples and arrays changed; the last two become lists."""
+    if isinstance(value, dict):
+        return {key: mapped(part, change) for key, part in value.items()}
+    return [mapped(part, change) for part in value] if isinstance(value, (list, tuple, np.ndarray)) else change(value)
 
 
 def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(part) for key, part in value.items()}
-    if isinstance(value, (list, tuple, np.ndarray)):
-        return [_finite(part) for part in value]
     if isinstance(value, (float, np.floating)):
         return float(value) if math.isfinite(value) else str(float(value))
     return value.item() if isinstance(value, np.generic) else value

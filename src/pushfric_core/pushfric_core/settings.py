@@ -55,6 +55,13 @@ def check_ranges(config: Any) -> None:
             _check_range(field, field.name, value)
 
 
+class Ranged:
+    """Settings that are in their ranges, however they are made: a base of their dataclass."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
 def _check_range(field: Any, name: str, value: Any) -> None:
     low, high = field.metadata.get("low"), field.metadata.get("high")
     least, most = -math.inf if low is None else low, math.inf if high is None else high

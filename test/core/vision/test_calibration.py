@@ -12,9 +12,8 @@ from printed import black_rings, picture, rasterised
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import rotation
-from pushfric_core.vision.board import Board, BoardFinder
+from pushfric_core.vision.board import Board, BoardFinder, View
 from pushfric_core.vision.calibration import (
-    Placement,
     calibrate_lens,
     calibrate_table,
     lens_from_frames,
@@ -247,7 +246,7 @@ def far_places(noise_px, seed=0):
     for x, y, angle in PLACES:
         turned = (corners - about) @ rotation(angle).T + about + (x, y)
         pixels = camera.project(turned) + rng.normal(0, noise_px, corners.shape)
-        placements.append(Placement(pixels, corners))
+        placements.append(View(np.arange(len(corners)), corners, pixels))
     return camera, placements
 
 
@@ -275,10 +274,10 @@ def test_the_map_says_how_far_places_are_off():
 
 
 def test_a_point_measured_wrongly_is_named(tmp_path):
-    pixels, points = read_table_points(measured([*WIDE, (330, 240), (320, 100)], tmp_path))
-    points[4] += (0.03, 0)
+    seen = read_table_points(measured([*WIDE, (330, 240), (320, 100)], tmp_path))
+    seen.points[4] += (0.03, 0)
     with pytest.raises(InvalidInput, match=r"the points disagree by .* px \(.* mm\); the worst is number 5, by .* px"):
-        calibrate_table(LENS, [Placement(pixels, points)])
+        calibrate_table(LENS, [seen])
 
 
 def test_the_board_is_printed_to_scale(tmp_path):

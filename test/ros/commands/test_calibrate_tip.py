@@ -184,7 +184,7 @@ def test_the_keys_of_its_json_are_documented(cell):
 
 
 def test_a_topic_without_frames_says_so(monkeypatch):
-    monkeypatch.setattr(topic_frames, "FRAME_TIMEOUT", 0.2)
+    monkeypatch.setattr(topic_frames.TopicFrames, "patience", 0.2)
     with (
         frames_from("topic", "/nobody") as source,
         pytest.raises(InvalidInput, match="no frames from /nobody/image_raw"),

@@ -26,10 +26,11 @@ from pushfric_core.settings import plain
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
+from pushfric_core.vision.frame_source import Frame
 from pushfric_ros.commands import doctor
 from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.commands.doctor import Check, Grade, camera, machine
-from pushfric_ros.commands.doctor.camera import ReceivedFrame, check_calibration
+from pushfric_ros.commands.doctor.camera import check_calibration
 from pushfric_ros.graph import supervisor
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit import network
@@ -232,9 +233,7 @@ def test_without_discovery_no_other_process_answers(monkeypatch):
 
 def frames(images, period=0.05, age=0.01):
     arrivals = [1000 * SECOND + round(i * period * SECOND) for i in range(len(images))]
-    return [
-        ReceivedFrame(arrival - round(age * SECOND), arrival, image) for arrival, image in zip(arrivals, images, strict=True)
-    ]
+    return [Frame(arrival - round(age * SECOND), arrival, image) for arrival, image in zip(arrivals, images, strict=True)]
 
 
 NOISE = [np.random.default_rng(i).integers(0, 200, (240, 320)).astype(np.uint8) for i in range(5)]

@@ -4,7 +4,8 @@ import pytest
 import typer.main
 
 from pushfric_core.cell.node_settings import ViewConfig
-from pushfric_core.commands.cell_options import AUTO_VIEW, view_at
+from pushfric_core.commands.application import AUTO_VIEW
+from pushfric_core.commands.cell_options import view_at
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands import replay, run
 

@@ -68,20 +68,17 @@ def test_it_calls_whatever_is_ready(ros, spun):
     spun.until(lambda: called == {"timer", "subscription", "service", "guard", "client"}, "all are called")
 
 
-def test_it_leaves_requests_to_a_waitable_that_takes_them(ros, spun):
-    """Also those that come after the waitable has taken all there were."""
+def test_a_service_that_is_worked_on_in_turns_takes_what_came_meanwhile(ros, spun):
     turns = Turns(spun.node, 10.0)
-    turns.serve(StablePushes, "asked", lambda _: (iter_to(StablePushes.Response()), None))
-    take_data, late = turns.take_data, []
+    late = []
 
-    def taken():
-        found = take_data()
+    def begin(_):
         if not late:
             late.append(asked.call_async(StablePushes.Request()))
             assert _has_come(spun.node)
-        return found
+        return iter_to(StablePushes.Response()), None
 
-    turns.take_data = taken
+    turns.serve(StablePushes, "asked", begin)
     asked = ros.node("peer").create_client(StablePushes, "asked")
     ros.wait_for(asked.service_is_ready, what="the service")
     first = asked.call_async(StablePushes.Request())

@@ -133,10 +133,9 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
             spare = spare_trackers(values.get("tracker", CameraConfig.tracker)) if name == "camera" else []
             return read(_beside(values, folder, [*configs, *spare]), *configs, *spare, keys=True)[: len(configs)]
 
-    seen, pushes, (plan,), (*estimator, model), (recorder, images), (view,), (planner,), poses, tip, (simulation,) = map(
-        section, SECTIONS
-    )
-    (camera, *trackers), (pusher, driver) = seen or (None,), pushes or (None, None)
+    made = {name: section(name) for name in SECTIONS}
+    (camera, *trackers), (pusher, driver) = made["camera"] or (None,), made["pusher"] or (None, None)
+    (*estimator, model), (recorder, images) = made["estimator"], made["recorder"]
     for name, other in both:
         raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
     if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
@@ -144,26 +143,10 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
     with blaming("camera", error=ValueError):
         tracker = chosen_tracker(trackers) if trackers else None
-    return CellFile(
-        pushed.object,
-        camera,
-        tracker,
-        pusher,
-        driver,
-        plan,
-        EstimatorSettings.of(*estimator),
-        recorder,
-        view,
-        planner,
-        simulation,
-        named.namespace,
-        named.discovery,
-        frames,
-        model,
-        images,
-        poses,
-        tip,
-    )
+    parts = {"model": model, "recorder": recorder, "images": images, "frames": frames, **dataclasses.asdict(named)}
+    parts |= {name: made[name][0] for name in ("plan", "view", "planner", "simulation")}
+    parts |= {name: made[name] for name in INSTEAD}
+    return CellFile(pushed.object, camera, tracker, pusher, driver, estimator=EstimatorSettings.of(*estimator), **parts)
 
 
 def _mapping(name: str, content: Any) -> dict[Any, Any]:

@@ -13,7 +13,7 @@ import secrets
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
+from pushfric_core.settings import AUTO, REQUIRED, Ranged, check_ranges, setting
 
 LOOPBACK = "127.0.0.1"
 """Only this machine reaches it."""
@@ -97,14 +97,11 @@ class RequiredSubscribersConfig:
 
 
 @dataclass(frozen=True)
-class TipConfig:
+class TipConfig(Ranged):
     """The tip that another robot moves. Section `tip`."""
 
     tip_radius: float = setting(REQUIRED, "of the round tip [m]", 0.0, 1.0)
     near: float = setting(0.01, "a push lasts while the tip is this near to the object [m]", 0.0, 1.0)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,7 @@ class TipNodeConfig:
 
 
 @dataclass(frozen=True)
-class ExperimentConfig:
+class ExperimentConfig(Ranged):
     """Where a plan begins, from the command line; and what the graph knows of the other nodes and of who is there."""
 
     start: int = setting(1, "number of the first push, to continue an interrupted plan", 1, 2**31)
@@ -123,9 +120,6 @@ class ExperimentConfig:
         1.0, "no push begins if the last heartbeat of an awaited node is older than this; as requires_timeout [s]", 0.1, 60.0
     )
     attended: bool = setting(True, "somebody is there to end an alarm of the pusher; otherwise it ends the run")
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 @dataclass(frozen=True)
@@ -319,15 +313,12 @@ class PlayerConfig:
 
 
 @dataclass(frozen=True)
-class PlannerConfig:
+class PlannerConfig(Ranged):
     """How much work one request may ask of a planner node. Section `planner`."""
 
     most_pushes: int = setting(10_000, "largest number of pushes, turns or contacts in one request", 1, 1_000_000)
     most_strokes: int = setting(1000, "largest number of strokes in one request", 1, 100_000)
     longest: float = setting(10.0, "the work for one request ends after this long [s of wall time]", 0.1, 3600.0)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 class EstimatorInput(enum.Enum):
@@ -358,7 +349,7 @@ class EstimatorNodeConfig:
 
 
 @dataclass(frozen=True)
-class SimulationConfig:
+class SimulationConfig(Ranged):
     """The simulated camera and operator. Section `simulation`."""
 
     frame_rate: float = setting(14.0, "frames of the camera [Hz]", 0.1, 200.0)
@@ -372,18 +363,12 @@ class SimulationConfig:
         0.001, "standard deviation and least error of the operator's placement [m]; the angle errs by this over 2 cm", 0.0, 0.1
     )
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
 
 @dataclass(frozen=True)
-class SimulatedRunConfig:
+class SimulatedRunConfig(Ranged):
     """A run of the simulation. From the command line."""
 
     seed: int = setting(0, "seed of the camera's noise and the operator's hand", 0, 2**31)
     speed: float = setting(
         5.0, "multiple of real time; on a slow machine the simulated clock runs slower and nothing is lost", 0.01, 100.0
     )
-
-    def __post_init__(self) -> None:
-        check_ranges(self)

@@ -76,7 +76,7 @@ class PlainCommand(typer.core.TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         ctx.allow_extra_args = True
         try:
-            rest = super().parse_args(ctx, args)
+            rest = super().parse_args(ctx, spelled_out(args))
         except UsageError as error:
             error.ctx = ctx  # type: ignore[attr-defined] # the parser does not know it
             raise
@@ -205,11 +205,21 @@ STDOUT = "-"
 SUFFIX = ".json"
 
 
+AUTO_VIEW = "auto"
+"""The address that stands for a --view without an address."""
+
+ADDRESS = re.compile(r"(?:(?P<host>\[[^\]]+\]|[^:/\s]+):)?(?P<port>[0-9]{1,5})")
+
+_JSON = STDOUT, re.compile(rf".*{re.escape(SUFFIX)}")
+
+ALONE = {"--json": _JSON, "--ledger": _JSON, "--view": (AUTO_VIEW, ADDRESS)}
+"""The options that may stand without a value: the value that they have then, and what one looks like."""
+
+
 def spelled_out(arguments: Sequence[str]) -> list[str]:
-    """Arguments in which --json and --ledger have a value: what follows, if that is the name of a JSON file, else STDOUT."""
+    """Arguments in which each option of ALONE has a value: what follows, if that looks like one."""
     pairs = zip(arguments, [*arguments, ""][1:], strict=True)
-    options = ("--json", "--ledger")
-    return [f"{one}={STDOUT}" if one in options and not after.endswith(SUFFIX) else one for one, after in pairs]
+    return [f"{one}={ALONE[one][0]}" if one in ALONE and not ALONE[one][1].fullmatch(after) else one for one, after in pairs]
 
 
 def in_range(low: float, high: float, unit: str) -> dict[str, Any]:

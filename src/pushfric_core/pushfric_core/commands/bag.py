@@ -21,7 +21,7 @@ from pushfric_core.records import to_json
 from pushfric_core.trajectories.ledger import Doubt, DoubtCode, Ledger
 from pushfric_core.wording import counted
 
-BagArgument = Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its files.", show_default=False)]
+BagArgument = Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its files.")]
 
 app = Application()
 
@@ -63,10 +63,8 @@ def info(bag: BagArgument, json: JsonOption = None) -> None:
 
 @app.command()
 def recover(
-    damaged: Annotated[
-        pathlib.Path, typer.Argument(help="Bag that was damaged or cut short, or one of its files.", show_default=False)
-    ],
-    out: Annotated[pathlib.Path, typer.Option(help="Folder to write: the new bag.", show_default=False)],
+    damaged: Annotated[pathlib.Path, typer.Argument(help="Bag that was damaged or cut short, or one of its files.")],
+    out: Annotated[pathlib.Path, typer.Option(help="Folder to write: the new bag.")],
 ) -> None:
     """Save everything that can be read of a damaged bag into a new one, and say what is lost.
 

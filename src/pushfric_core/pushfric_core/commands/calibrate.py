@@ -49,16 +49,16 @@ CAMERA = ACCEPTED[0].upper() + ACCEPTED[1:]
 
 PRINT_IT = "print it at 100 %, and compare its ruler with a real one"
 
-Source = Annotated[str, typer.Argument(help=f"{CAMERA}.", show_default=False)]
+Source = Annotated[str, typer.Argument(help=f"{CAMERA}.")]
 Columns = Annotated[int, typer.Option(help="Squares of the board along its long side.")]
 Rows = Annotated[int, typer.Option(help="Squares of the board along its short side.")]
 Square = Annotated[float, typer.Option(help="Side of a square, as printed [m].")]
-CameraFile = Annotated[pathlib.Path, typer.Option(help="Calibration YAML of calibrate lens, to add to.", show_default=False)]
+CameraFile = Annotated[pathlib.Path, typer.Option(help="Calibration YAML of calibrate lens, to add to.")]
 
 
 @app.command()
 def board(
-    out: Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.", show_default=False)],
+    out: Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.")],
     columns: Columns = Board.columns,
     rows: Rows = Board.rows,
     square: Square = Board.square,
@@ -72,9 +72,9 @@ def board(
 
 @app.command()
 def markers(
-    file: Annotated[pathlib.Path, typer.Argument(help="YAML of the markers, as for camera.fiducials.", show_default=False)],
-    object_name: Annotated[str, typer.Argument(metavar="OBJECT", help="Object YAML.", show_default=False)],
-    out: Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.", show_default=False)],
+    file: Annotated[pathlib.Path, typer.Argument(help="YAML of the markers, as for camera.fiducials.")],
+    object_name: Annotated[str, typer.Argument(metavar="OBJECT", help="Object YAML.")],
+    out: Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.")],
 ) -> None:
     """Write an object's markers as a PDF to scale, each in its place: cut along the outline, paste it onto the object."""
     from pushfric_core.vision.printed_pdf import save_markers
@@ -86,7 +86,7 @@ def markers(
 @app.command()
 def lens(
     source: Source,
-    out: Annotated[pathlib.Path, typer.Option(help="File to write: the camera's calibration YAML.", show_default=False)],
+    out: Annotated[pathlib.Path, typer.Option(help="File to write: the camera's calibration YAML.")],
     columns: Columns = Board.columns,
     rows: Rows = Board.rows,
     square: Square = Board.square,
@@ -108,8 +108,7 @@ def table(
         str,
         typer.Argument(
             help=f"{CAMERA}, with the board on the table in view; or a CSV u,v,x,y of measured points: pixels, and their places"
-            " on the table [m].",
-            show_default=False,
+            " on the table [m]."
         ),
     ],
     camera: CameraFile,
@@ -148,10 +147,9 @@ def _board(columns: int, rows: int, square: float) -> Board:
 
 @app.command()
 def tip(
-    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.")],
     source: Annotated[
-        str,
-        typer.Option(help="Source of the pictures, as for camera.source.", show_default="camera.source of CELL"),
+        str, typer.Option(help="Source of the pictures, as for camera.source.", show_default="camera.source of CELL")
     ] = "",
     tip_height: Annotated[
         float | None,
@@ -166,15 +164,12 @@ def tip(
         typer.Option(
             help="Nothing moves: the pictures of the source show the tip at these stroke positions, in this order [m].",
             metavar="NUMBER,...",
-            show_default=False,
         ),
     ] = "",
     speed: Annotated[
         float, typer.Option(help="Speed of the pusher between two pictures [m/s].", **in_range(0.0001, 1.0, "m/s"))
     ] = 0.01,
-    out: Annotated[
-        pathlib.Path | None, typer.Option(help=f"Folder to write {PUSHER_FILE} to, in place of CELL.", show_default=False)
-    ] = None,
+    out: Annotated[pathlib.Path | None, typer.Option(help=f"Folder to write {PUSHER_FILE} to, in place of CELL.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files without asking.")] = False,
     json: JsonOption = None,
 ) -> None:

@@ -1,14 +1,12 @@
 """Options of commands that talk to a running cell, or start one."""
 
 import dataclasses
-import re
-from collections.abc import Iterator
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig
-from pushfric_core.commands.application import PlainCommand
+from pushfric_core.commands.application import ADDRESS, AUTO_VIEW
 from pushfric_core.errors import InvalidInput, blaming
 
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
@@ -16,25 +14,6 @@ PlannerFlag = Annotated[bool, typer.Option("--planner", help="Also start a node 
 NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of the cell.")]
 LONGEST_STROKE, FASTEST_STROKE = 0.5, 0.5
 """Bounds on what a person at a cell asks of the pusher [m, m/s]; more is likely to be in millimetres."""
-
-AUTO_VIEW = "auto"
-"""The address that stands for a --view without an address."""
-
-
-class WithView(PlainCommand):
-    """A command with the option --view, which may stand alone."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Give a lone --view the address that it stands for."""
-        return list(super().parse_args(ctx, [f"--view={AUTO_VIEW}" if lone else arg for arg, lone in _with_lone_view(args)]))
-
-
-def _with_lone_view(args: list[str]) -> Iterator[tuple[str, bool]]:
-    for arg, following in zip(args, [*args, ""][1:], strict=True):
-        yield arg, arg == "--view" and ADDRESS.fullmatch(following) is None
-
-
-ADDRESS = re.compile(r"(?:(?P<host>\[[^\]]+\]|[^:/\s]+):)?(?P<port>[0-9]{1,5})")
 
 ADDRESS_METAVAR = "[[HOST:]PORT]"
 
@@ -44,7 +23,6 @@ ViewOption = Annotated[
         "--view",
         help=f"Show the run in a browser, on this machine alone unless a HOST is given; at port {VIEW_PORT} unless a PORT is.",
         metavar=ADDRESS_METAVAR,
-        show_default=False,
     ),
 ]
 

@@ -18,7 +18,7 @@ import typer.main
 
 import pushfric_core
 from pushfric_core import commands
-from pushfric_core.commands.application import HELP, Application, Group, PlainCommand, UsageError, complaint, spelled_out
+from pushfric_core.commands.application import HELP, Application, Group, PlainCommand, UsageError, complaint
 from pushfric_core.commands.console import fail
 from pushfric_core.commands.program import undoing
 from pushfric_core.errors import InvalidInput, MissingPackage, PushfricError
@@ -28,9 +28,6 @@ GROUP = "pushfric.commands"
 
 class Commands(Group):
     """Lists the commands without loading them."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        return super().parse_args(ctx, spelled_out(args))
 
     def list_commands(self, ctx: Any) -> list[str]:
         return list(catalog())

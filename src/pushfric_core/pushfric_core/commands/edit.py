@@ -23,13 +23,12 @@ app = Application()
 
 @app.command()
 def edit(
-    file: Annotated[pathlib.Path, typer.Argument(help="Object YAML, to write or to change.", show_default=False)],
+    file: Annotated[pathlib.Path, typer.Argument(help="Object YAML, to write or to change.")],
     picture: Annotated[str, typer.Option(help=f"Draw over a picture: {ACCEPTED}.", show_default="an empty sheet")] = "",
     camera: Annotated[
         pathlib.Path | None,
         typer.Option(
-            help="Calibration YAML of the picture's camera. It gives the scale, and the object's place in the picture.",
-            show_default=False,
+            help="Calibration YAML of the picture's camera. It gives the scale, and the object's place in the picture."
         ),
     ] = None,
     width: Annotated[
@@ -37,7 +36,6 @@ def edit(
         typer.Option(
             help="Width of the sheet, or of a picture without a calibration, such as a scan of the object's underside [m].",
             **in_range(0.001, LARGEST, "m"),
-            show_default=False,
         ),
     ] = None,
     height: Annotated[

@@ -31,30 +31,23 @@ from pushfric_core.records import to_json
 
 def estimate(
     inputs: Annotated[
-        list[pathlib.Path],
-        typer.Argument(metavar="INPUT", help="Bag (folder or .mcap), or CSV of observations.", show_default=False),
+        list[pathlib.Path], typer.Argument(metavar="INPUT", help="Bag (folder or .mcap), or CSV of observations.")
     ],
     settings: ChosenSettings,
     object_name: ObjectOption = "",
     grid: GridOption = None,
     support_points: SupportPointsOption = None,
     figure: Annotated[
-        pathlib.Path | None,
-        typer.Option(help="Draw pushes, w, mu_c and p_CF to this file (.png, .svg, .pdf).", show_default=False),
+        pathlib.Path | None, typer.Option(help="Draw pushes, w, mu_c and p_CF to this file (.png, .svg, .pdf).")
     ] = None,
     save: Annotated[
-        pathlib.Path | None,
-        typer.Option(help="Write the estimate to this file (.yaml), as a model for predict and stable.", show_default=False),
+        pathlib.Path | None, typer.Option(help="Write the estimate to this file (.yaml), as a model for predict and stable.")
     ] = None,
     partial: PartialFlag = False,
     namespace: CellOption = None,
     samples: Annotated[bool, typer.Option("--samples", help="Add weighted samples of w and mu_c to the JSON.")] = False,
     out: Annotated[
-        pathlib.Path | None,
-        typer.Option(
-            help="Folder to write: a table and models, from many inputs or folders of inputs.",
-            show_default=False,
-        ),
+        pathlib.Path | None, typer.Option(help="Folder to write: a table and models, from many inputs or folders of inputs.")
     ] = None,
     jobs: JobsOption = -1,
     dask: DaskOption = None,
@@ -69,26 +62,13 @@ def estimate(
     if out is not None:
         if figure is not None or save is not None or ledger is not None or samples:
             raise InvalidInput("--figure, --save, --ledger and --samples are for one input; --out writes models and a table")
-        usable = _many(inputs, choices, out, jobs, dask, json)
-    elif dask is not None:
+        if not _many(inputs, choices, out, jobs, dask, json):
+            sys.exit(1)
+        return
+    if dask is not None:
         raise InvalidInput("--dask is for many inputs: give --out DIR, too")
-    elif len(inputs) > 1:
+    if len(inputs) > 1:
         raise InvalidInput(f"got {len(inputs)} inputs; expected one, or --out DIR for the results of many")
-    else:
-        usable = _one(inputs[0], choices, figure, save, samples, json, ledger)
-    if not usable:
-        sys.exit(1)
-
-
-def _one(
-    source: pathlib.Path,
-    choices: Choices,
-    figure: pathlib.Path | None,
-    save: pathlib.Path | None,
-    samples: bool,
-    json: str | None,
-    ledger: str | None,
-) -> bool:
     if save is not None:
         check_name(save)
     if figure is not None:
@@ -97,7 +77,7 @@ def _one(
         from pushfric_core.page.report import figure_of
 
         check_image_name(figure)
-    estimation = estimate_from(source, choices, warn, whole_course=figure is not None)
+    estimation = estimate_from(inputs[0], choices, warn, whole_course=figure is not None)
     result = estimation.result
     for reason in estimation.verdict.reasons:
         warn(reason.text)
@@ -117,7 +97,8 @@ def _one(
     else:
         write_json(to_json(estimation.ledger.to_dict()), ledger)
     print_result(figures, json, estimation.settings.estimator.loss)
-    return estimation.verdict.use and (choices.partial or not estimation.ledger.doubts)
+    if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
+        sys.exit(1)
 
 
 def _many(

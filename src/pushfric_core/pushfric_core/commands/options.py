@@ -13,28 +13,23 @@ from pushfric_core.geometry.table_1 import TABLE_1
 RUNS = pathlib.Path("runs")
 """Folder for bags and reports, unless the command line gives another."""
 
-Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.", show_default=False)]
+Input = Annotated[pathlib.Path, typer.Argument(help="Bag (folder or .mcap), or CSV of observations.")]
 ObjectOption = Annotated[
     str,
     typer.Option(
         "--object",
         help=f"Object YAML, or one of {', '.join(TABLE_1)}. A bag may contain it as object.yaml.",
         metavar="NAME|FILE",
-        show_default=False,
     ),
 ]
 GridOption = Annotated[
-    tuple[int, int] | None,
-    typer.Option("--grid", help="Support points: a grid of NX by NY over the object.", metavar="NX NY", show_default=False),
+    tuple[int, int] | None, typer.Option("--grid", help="Support points: a grid of NX by NY over the object.", metavar="NX NY")
 ]
 SupportPointsOption = Annotated[
-    pathlib.Path | None,
-    typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].", show_default=False),
+    pathlib.Path | None, typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].")
 ]
 PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag even if messages are missing.")]
-CellOption = Annotated[
-    str | None, typer.Option("--namespace", help="Namespace of the cell, for a bag of several.", show_default=False)
-]
+CellOption = Annotated[str | None, typer.Option("--namespace", help="Namespace of the cell, for a bag of several.")]
 
 
 def _processes(jobs: int) -> int:
@@ -45,8 +40,7 @@ def _processes(jobs: int) -> int:
 
 JobsOption = Annotated[int, typer.Option(help="Number of processes; -1: one for each core.", min=-1, callback=_processes)]
 DaskOption = Annotated[
-    str | None,
-    typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS", show_default=False),
+    str | None, typer.Option("--dask", help="Scheduler of a Dask cluster to run on instead.", metavar="ADDRESS")
 ]
 
 
@@ -68,7 +62,6 @@ JsonOption = Annotated[
         help="Print only the result, as one JSON object, on stdout; with FILE.json, print as usual and write the object there.",
         metavar="[FILE.json]",
         callback=_checked,
-        show_default=False,
     ),
 ]
 
@@ -79,6 +72,5 @@ LedgerOption = Annotated[
         help="Print what became of every message, on stderr and in the JSON; with FILE.json, write it there.",
         metavar="[FILE.json]",
         callback=_checked,
-        show_default=False,
     ),
 ]

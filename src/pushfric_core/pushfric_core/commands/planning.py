@@ -25,8 +25,7 @@ from pushfric_core.mechanics.prediction import stability
 from pushfric_core.offline.estimation import Choices, estimate_from
 
 ModelArgument = Annotated[
-    pathlib.Path,
-    typer.Argument(metavar="MODEL", help="Model YAML (from estimate --save), bag, or CSV of observations.", show_default=False),
+    pathlib.Path, typer.Argument(metavar="MODEL", help="Model YAML (from estimate --save), bag, or CSV of observations.")
 ]
 
 
@@ -65,7 +64,7 @@ app = Application()
 @app.command()
 def predict(
     model: ModelArgument,
-    pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(MOVED)}.", show_default=False)],
+    pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(MOVED)}.")],
     object_name: ObjectOption = "",
     namespace: CellOption = None,
     partial: PartialFlag = False,
@@ -100,7 +99,7 @@ def _lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
 @app.command()
 def stable(
     model: ModelArgument,
-    pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(TURNED)}.", show_default=False)],
+    pushes: Annotated[pathlib.Path, typer.Option(help=f"CSV with the columns {', '.join(TURNED)}.")],
     object_name: ObjectOption = "",
     namespace: CellOption = None,
     partial: PartialFlag = False,
@@ -123,16 +122,14 @@ def stable(
 @app.command()
 def export(
     model: ModelArgument,
-    to: Annotated[str, typer.Option(help=f"One of {', '.join(FORMATS)}.", metavar="FORMAT", show_default=False)],
-    mass: Annotated[float | None, typer.Option(help="Of the object [kg].", show_default=False)] = None,
-    table_friction: Annotated[float | None, typer.Option(help="Coefficient of the table.", show_default=False)] = None,
+    to: Annotated[str, typer.Option(help=f"One of {', '.join(FORMATS)}.", metavar="FORMAT")],
+    mass: Annotated[float | None, typer.Option(help="Of the object [kg].")] = None,
+    table_friction: Annotated[float | None, typer.Option(help="Coefficient of the table.")] = None,
     gravity: Annotated[float, typer.Option(help="[m/s^2].")] = GRAVITY,
     pusher_radius: Annotated[float, typer.Option(help="Of the round tip [m].")] = PUSHER_RADIUS,
-    height: Annotated[
-        float | None, typer.Option(help=f"Of the object [m]; by default its own, or {HEIGHT:g}.", show_default=False)
-    ] = None,
+    height: Annotated[float | None, typer.Option(help=f"Of the object [m]; by default its own, or {HEIGHT:g}.")] = None,
     samples: Annotated[
-        int | None, typer.Option(help="Write this many of the belief's samples instead of the mean.", min=1, show_default=False)
+        int | None, typer.Option(help="Write this many of the belief's samples instead of the mean.", min=1)
     ] = None,
     out: Annotated[pathlib.Path, typer.Option(help="Folder to write to.")] = pathlib.Path("."),
     object_name: ObjectOption = "",

@@ -40,14 +40,10 @@ def region(
         pathlib.Path | None, typer.Argument(help="Bag (folder or .mcap), or CSV of observations; if none, before any push.")
     ] = None,
     object_name: ObjectOption = "",
-    region_margin: Annotated[
-        float | None,
-        option_as_recorded(RegionConfig, "region_margin"),
-    ] = None,
-    exclude_push: Annotated[list[int] | None, typer.Option(help="Leave out this push; repeatable.", show_default=False)] = None,
+    region_margin: Annotated[float | None, option_as_recorded(RegionConfig, "region_margin")] = None,
+    exclude_push: Annotated[list[int] | None, typer.Option(help="Leave out this push; repeatable.")] = None,
     plan: Annotated[
-        pathlib.Path | None,
-        typer.Option(help="Write the push plan that shrinks the region fastest to this file.", show_default=False),
+        pathlib.Path | None, typer.Option(help="Write the push plan that shrinks the region fastest to this file.")
     ] = None,
     pushes: Annotated[int, typer.Option(help="Number of pushes in that plan.", min=1, max=20)] = 10,
     partial: PartialFlag = False,

@@ -56,7 +56,7 @@ def with_settings(command: Callable[..., None], without: Collection[str] = ()) -
     options["pose_lag"] = _option(_field(TrajectoryConfig, "pose_lag"), float)
     for name, text in PUSHES.items():
         flag = f"--{name.replace('_', '-')}"
-        info = typer.Option(flag, help=f"{text}; repeatable.", metavar="PUSH", show_default=False, rich_help_panel=SECTION)
+        info = typer.Option(flag, help=f"{text}; repeatable.", metavar="PUSH", rich_help_panel=SECTION)
         options[name] = Annotated[list[int] | None, info]
 
     def run(**given: Any) -> None:
@@ -89,8 +89,7 @@ def _option(field: Any, hint: Any) -> Any:
         shown = shown if default == AUTO else f"--{name}" if default else f"--no-{name}"
     shown = f"as recorded, or {shown}"
     return Annotated[
-        kind | None,
-        typer.Option(flag, help=_help(field), metavar=metavar, show_default=shown, rich_help_panel=SECTION),
+        kind | None, typer.Option(flag, help=_help(field), metavar=metavar, show_default=shown, rich_help_panel=SECTION)
     ]
 
 

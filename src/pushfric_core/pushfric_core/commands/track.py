@@ -31,7 +31,7 @@ app = Application()
 
 @app.command()
 def track(
-    source: Annotated[pathlib.Path, typer.Argument(help="Bag with images (folder or .mcap).", show_default=False)],
+    source: Annotated[pathlib.Path, typer.Argument(help="Bag with images (folder or .mcap).")],
     cell: Annotated[
         pathlib.Path | None,
         typer.Option(
@@ -43,9 +43,7 @@ def track(
         str, typer.Option("--object", help="Name of an object of Table 1, or object YAML.", show_default="the bag's own")
     ] = "",
     topic: Annotated[str, typer.Option(help="Topic of the images.", show_default="the only one, or the keyframes")] = "",
-    out: Annotated[
-        pathlib.Path | None, typer.Option("--csv", help="Write a row for each image to this file.", show_default=False)
-    ] = None,
+    out: Annotated[pathlib.Path | None, typer.Option("--csv", help="Write a row for each image to this file.")] = None,
     json: JsonOption = None,
 ) -> None:
     """Bags that ros2 bag recorded will do. Exit code 1: an image that showed the object no longer does."""

@@ -85,7 +85,7 @@ def view(
 @app.command()
 def report(
     source: Input,
-    html: Annotated[pathlib.Path, typer.Option(help="File to write: a page that needs no other file.", show_default=False)],
+    html: Annotated[pathlib.Path, typer.Option(help="File to write: a page that needs no other file.")],
     object_name: ObjectOption = "",
     partial: PartialFlag = False,
     namespace: CellOption = None,

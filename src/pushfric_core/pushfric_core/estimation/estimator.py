@@ -182,13 +182,6 @@ def _from_outside(name: str) -> Constraint:
     return made
 
 
-def free_radii(support_points: Array, config: EstimatorConfig) -> FreeRadii:
-    """How near the centre of rotation supports (n, 2) [m] may push any way."""
-    if config.cor_radius is not None:
-        return FreeRadii(config.cor_radius, config.cor_radius)
-    return FreeRadii(0.0, COR_SHARE * rms_arm(support_points))
-
-
 AT_ONCE = 100
 """So many observations are taken again without a pause."""
 
@@ -206,6 +199,9 @@ class Estimator:
             no screening.
         free: how near the centre of rotation supports may push any way; by default as the config says.
         outline: of the object, which pictures of the estimates show; None: it is not known.
+    Attributes:
+        newest: the observation with the latest stamp, even if its push is rejected; None without any.
+        judgement: the last one: of all observations if `settled`.
     Raises:
         ValueError: support_points is not (n, 2) with n >= 1, center_of_friction not (2,), or a value is not finite; or p_CF is
             given and screening is asked for.
@@ -231,7 +227,8 @@ class Estimator:
         self.support_points = check_points(support_points)
         self.outline = outline
         self.config = config = config or EstimatorConfig()
-        self._free = free or free_radii(self.support_points, config)
+        wholly, partly = config.cor_radius or 0.0, config.cor_radius
+        self._free = free or FreeRadii(wholly, COR_SHARE * rms_arm(self.support_points) if partly is None else partly)
         self._columns = len(self.support_points) + config.with_scale
         self._center: Array | None = None
         if center_of_friction is not None:
@@ -247,10 +244,10 @@ class Estimator:
 
     def _begin(self) -> None:
         """Without any observation."""
-        self._newest: Observation | None = None
+        self.newest: Observation | None = None
         self._seen: list[Observation] = []  # all observations, also those of rejected pushes, in order of arrival
         self._rejected: dict[int, Rejected] = {}  # pushes that are not in the program
-        self._judgement, self._judged = Judgement(), 0  # the last one, and the number of all observations it was made of
+        self.judgement, self._judged = Judgement(), 0  # the last one, and the number of all observations it was made of
         self._begin_program()
 
     def _begin_program(self) -> None:
@@ -269,11 +266,6 @@ class Estimator:
     def observations(self) -> Observations:
         """The observations in the program, in order of arrival."""
         return Observations(self._listed, len(self._listed))
-
-    @property
-    def newest(self) -> Observation | None:
-        """The observation with the latest stamp, even if its push is rejected; None without any."""
-        return self._newest
 
     @property
     def rejected(self) -> tuple[Rejected, ...]:
@@ -305,8 +297,8 @@ class Estimator:
 
     def _take(self, observation: Observation, forces: SupportForces) -> None:
         self._seen.append(observation)
-        if self._newest is None or observation.stamp >= self._newest.stamp:
-            self._newest = observation
+        if self.newest is None or observation.stamp >= self.newest.stamp:
+            self.newest = observation
         if observation.push_id not in self._rejected:
             self._append(observation, forces)
 
@@ -383,13 +375,8 @@ class Estimator:
                     if number % AT_ONCE == 0:
                         yield
                 vars(self).update(vars(again))
-            self._rejected, self._judgement, self._judged = bad, judgement, len(seen)
+            self._rejected, self.judgement, self._judged = bad, judgement, len(seen)
         return self._estimate()
-
-    @property
-    def judgement(self) -> Judgement:
-        """The last one: of all observations if `settled`."""
-        return self._judgement
 
     @property
     def settled(self) -> bool:
@@ -409,7 +396,7 @@ class Estimator:
             solution,
             data_points,
             pushes,
-            self._newest.stamp if self._newest is not None else 0,
+            self.newest.stamp if self.newest is not None else 0,
             self._contacts.forces,
             conflicts,
             self._center is not None,
@@ -421,7 +408,7 @@ class Estimator:
             self.outline,
             self._never_rejected,
             self.config.useful_radius * self._size,
-            self._judgement if self.settled else None,
+            self.judgement if self.settled else None,
         )
 
     def _solve(self) -> Optimum:

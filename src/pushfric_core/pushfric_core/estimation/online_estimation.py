@@ -114,19 +114,19 @@ class OnlineEstimation:
             ValueError: there is no observation of that push.
         """
         left = self._estimator.exclude(push_id)
-        self.estimate = left if left.data_points else None
-        self._narrow_again()
         self._unrank(push_id)
-        self._rank_again()
-        return left
+        return self._begin_again(left)
 
     def keep(self, push_id: int) -> Estimate:
         """Keep a push in, or take it back, even if it is unlike the others; return the estimate with it."""
-        kept = self._estimator.keep(push_id)
-        self.estimate = kept if kept.data_points else None
+        return self._begin_again(self._estimator.keep(push_id))
+
+    def _begin_again(self, estimate: Estimate) -> Estimate:
+        """Let all that is said follow the pushes of this estimate."""
+        self.estimate = estimate if estimate.data_points else None
         self._narrow_again()
         self._rank_again()
-        return kept
+        return estimate
 
     def region(self) -> Region:
         """Where p_CF can lie by the half-planes of the pushes that are not left out."""

@@ -171,8 +171,6 @@ def _ranking(estimates: dict[str, Estimate]) -> Ranking:
 
 
 def _ratio(error: float, best: float) -> float:
-    if error == math.inf:
-        return math.inf
-    if best > EXACT:
+    if EXACT < best < math.inf:
         return error / best
     return 1.0 if error <= EXACT else math.inf

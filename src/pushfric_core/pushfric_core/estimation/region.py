@@ -22,7 +22,7 @@ from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, as_array, left_of, velocity_at
 from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.records import comparable
-from pushfric_core.settings import check_ranges, setting
+from pushfric_core.settings import Ranged, setting
 from pushfric_core.solvers import empty_program
 from pushfric_core.solvers.program import Program, Status
 from pushfric_core.trajectories.observation import Observation
@@ -32,15 +32,12 @@ SLACK = 1e-9
 
 
 @dataclass(frozen=True)
-class RegionConfig:
+class RegionConfig(Ranged):
     """How far the half-planes from measured observations are trusted."""
 
     region_margin: float = setting(
         0.002, "margin of the half-planes that bound the region of p_CF [m]; 0: as in the paper", 0.0, 0.1
     )
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
 
 class HalfPlane(NamedTuple):
@@ -182,6 +179,8 @@ class HalfPlanes:
     Args:
         outline: of the object; its supports lie inside.
         margin: by how much the half-planes are widened (see RegionConfig) [m]; by default 0, as in the paper.
+    Attributes:
+        polygon: the part of the convex hull that is left: convex, or without area if the half-planes contradict each other.
     Raises:
         ValueError: the margin is negative or not finite.
 
@@ -196,23 +195,18 @@ class HalfPlanes:
         if not 0 <= margin < np.inf:
             raise ValueError(f"margin must be at least 0 and finite, got {margin}")
         self.outline, self.margin = outline, margin
-        self._polygon = shapely.convex_hull(outline.polygon)
-        self._corners = shapely.get_coordinates(self._polygon)[:-1]
+        self.polygon = shapely.convex_hull(outline.polygon)
+        self._corners = shapely.get_coordinates(self.polygon)[:-1]
         # p_CF as a convex combination of the corners, which take the place of support points; made when it is needed
         self._program: Program | None = None
         self._rows: list[ConstraintRows] = []  # rows that are not in the program yet
-
-    @property
-    def polygon(self) -> shapely.Polygon:
-        """The part of the convex hull that is left: convex, or without area if the half-planes contradict each other."""
-        return self._polygon
 
     def add(self, half_planes: Iterable[HalfPlane]) -> Region:
         """Take the half-planes of an observation; once they contradict the others, the region stays empty."""
         for half_plane in half_planes:
             widened = half_plane.widened(self.margin)
-            if not _holds(self._polygon, widened):
-                self._polygon = cut(self._polygon, widened)
+            if not _holds(self.polygon, widened):
+                self.polygon = cut(self.polygon, widened)
             depths = self._corners @ as_array(half_plane.normal) - half_plane.offset
             self._rows.append(ConstraintRows(depths[None], np.zeros(1), np.ones(1)))
         return self.region()
@@ -222,8 +216,8 @@ class HalfPlanes:
 
         The linear program that estimates w also minimises the sum of violations (sections 6.2 and 3.3).
         """
-        if self._polygon.area > 0:
-            return Region(self._polygon, shapely.get_coordinates(self._polygon.centroid)[0])
+        if self.polygon.area > 0:
+            return Region(self.polygon, shapely.get_coordinates(self.polygon.centroid)[0])
         self._program = self._program or empty_program(len(self._corners))
         for rows in self._rows:
             self._program.add(rows)

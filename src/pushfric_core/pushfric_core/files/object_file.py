@@ -15,7 +15,7 @@ from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.csv_files import read_table
 from pushfric_core.files.disk import reading, write_whole
-from pushfric_core.files.yaml_files import Strict, complaint, read_yaml
+from pushfric_core.files.yaml_files import Strict, fitting, read_yaml
 from pushfric_core.files.yaml_text import Value, load_yaml, with_values
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
@@ -239,10 +239,8 @@ def edited_object(target: pathlib.Path, known: ObjectModel | None, values: Mappi
         if known is not None:
             content = known.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
         text = yaml.safe_dump({**content, **values}, sort_keys=False, default_flow_style=None, width=120)
-    try:
+    with fitting(target):
         return text, make_object(ObjectFile.model_validate(load_yaml(text)), str(target))
-    except pydantic.ValidationError as error:
-        raise InvalidInput(f"{target}: {complaint(error)}") from error
 
 
 def read_points(path: pathlib.Path) -> Array:

@@ -1,6 +1,8 @@
 """YAML files as records, read by pydantic models: an error is one line, with the file, the key and what was expected there."""
 
+import contextlib
 import pathlib
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 import pydantic
@@ -40,10 +42,21 @@ def read_yaml(path: pathlib.Path, model: type[Model], content: Any = None) -> Mo
             what was expected there.
     """
     content = yaml_content(path) if content is None else content
-    try:
+    with fitting(path):
         return model.model_validate(content)
+
+
+@contextlib.contextmanager
+def fitting(where: object) -> Iterator[None]:
+    """A context in which a pydantic model is made of something from outside.
+
+    Raises:
+        InvalidInput: it does not fit; the text says where, which field, and what was expected there.
+    """
+    try:
+        yield
     except pydantic.ValidationError as error:
-        raise InvalidInput(f"{path}: {complaint(error)}") from error
+        raise InvalidInput(f"{where}: {complaint(error)}") from error
 
 
 def yaml_content(path: pathlib.Path) -> Any:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from pushfric_core.records import mapped
+
 TEXT_LIMIT = 4 * 2**20
 """Largest number of characters of a text."""
 
@@ -130,7 +132,7 @@ def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> 
         made = made[: node.start_mark.index] + _written(values[key]) + made[_end(node) :]
     for key in lacking:
         made = f"{made.rstrip()}\n{key}: {_written(values[key])}\n"
-    part.update({key: _plain(value) for key, value in values.items()})
+    part.update(mapped(dict(values), lambda one: one))
     if load_yaml(made) != wanted:
         raise ValueError("its values cannot be replaced one by one, as where an alias stands for several")
     return made
@@ -147,12 +149,6 @@ def _end(node: Any) -> int:
     """Where a value ends; for the parser, a list in several lines ends only where the next key begins, after comments."""
     lines = isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value
     return _end(node.value[-1] if isinstance(node, yaml.SequenceNode) else node.value[-1][1]) if lines else node.end_mark.index
-
-
-def _plain(value: Value) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _plain(one) for key, one in value.items()}
-    return [_plain(one) for one in value] if isinstance(value, Sequence) else value
 
 
 def _written(value: Value) -> str:

@@ -11,9 +11,8 @@ import shapely
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, cross, left_of
 from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.limit_surface import NamedEllipsoid, SurfaceError, named_ellipsoid, support_error, surface_samples
+from pushfric_core.mechanics.limit_surface import SurfaceError, support_error, surface_samples
 from pushfric_core.mechanics.prediction import FrictionModel
-from pushfric_core.records import comparable
 
 GRAVITY = 9.81
 """[m/s^2]"""
@@ -59,7 +58,6 @@ NOTHING = 1e-3
 """Share of the load below which a foot is left out."""
 
 
-@comparable
 class Feet(NamedTuple):
     """Feet, and how far their limit surface is from that of the support for which they stand."""
 
@@ -88,22 +86,19 @@ def few_feet(support: Support) -> Feet:
     steepness = np.linalg.norm(wrenches, axis=0)
     chosen: list[int] = []
     residual = goal
-    while True:
+    while len(chosen) < len(points):
         gain = wrenches.T @ residual / steepness
         gain[chosen] = -np.inf
         chosen.append(int(np.argmax(gain)))
         found, _ = nnls(wrenches[:, chosen], goal)
         residual = goal - wrenches[:, chosen] @ found
         bears = found > NOTHING * found.sum()
-        every = len(chosen) == len(points)
-        if np.count_nonzero(bears) < 2:
-            if every:
-                return Feet(Support(points, weights / weights.sum()), SurfaceError(0.0, 0.0))
-            continue
-        feet = Support(points[chosen][bears], found[bears] / found[bears].sum())
-        error = support_error(feet, support)
-        if every or (error.load <= TOLERANCE.load and error.twist <= TOLERANCE.twist):
-            return Feet(feet, error)
+        if np.count_nonzero(bears) > 1:
+            feet = Support(points[chosen][bears], found[bears] / found[bears].sum())
+            error = support_error(feet, support)
+            if error.load <= TOLERANCE.load and error.twist <= TOLERANCE.twist:
+                return Feet(feet, error)
+    return Feet(Support(points, weights / weights.sum()), SurfaceError(0.0, 0.0))
 
 
 def _wrenches(points: Array, support: Support) -> Array:
@@ -152,18 +147,12 @@ def load_of(mass: float | None, table_friction: float | None, gravity: float, to
             raise ValueError(f"{name} must be positive and finite, got {value:g}")
     if mass and table_friction and total_friction:
         raise ValueError(f"expected mass or table_friction, not both: the total friction is measured, {total_friction:g} N")
-    assumed = []
-    if table_friction is None and mass and total_friction:
-        table_friction = total_friction / (mass * gravity)
-    elif table_friction is None:
-        table_friction = TABLE_FRICTION
-        assumed.append("table friction")
-    if mass is None and total_friction:
-        mass = total_friction / (table_friction * gravity)
-    elif mass is None:
-        mass = MASS
-        assumed.append("mass")
-    return Load(mass, table_friction, gravity, tuple(assumed))
+    known = {"table friction": table_friction or (mass and total_friction), "mass": mass or total_friction}
+    if table_friction is None:
+        table_friction = total_friction / (mass * gravity) if mass and total_friction else TABLE_FRICTION
+    if mass is None:
+        mass = total_friction / (table_friction * gravity) if total_friction else MASS
+    return Load(mass, table_friction, gravity, tuple(name for name, value in known.items() if not value))
 
 
 @dataclass(frozen=True)
@@ -215,29 +204,32 @@ class ExportedBody:
         """
         return few_feet(self.friction.support)
 
-    @cached_property
-    def ellipsoid(self) -> NamedEllipsoid:
-        """The ellipsoid for planners [N, N m]."""
-        unit = named_ellipsoid(self.friction.support)
-        total = self.load.total_friction
-        return NamedEllipsoid(total * unit.f_max, total * unit.m_max, unit.center)
+    @property
+    def footing(self) -> list[tuple[float, float, float]]:
+        """The place of each foot [m], and its share of the mass [kg]."""
+        feet, mass = self.feet.support, self.load.mass
+        return [(x, y, share * mass) for (x, y), share in zip(feet.points.tolist(), feet.weights.tolist(), strict=True)]
 
     @cached_property
     def box(self) -> tuple[Array, Array] | None:
-        """Centre (2,) and sides (2,) of an outline that is a rectangle along the axes; None of another one."""
+        """Centre (3,) and sides (3,) of the shell over a rectangle along the axes; None of another outline."""
         low, size = self.outline.lower, self.outline.size
-        return (low + size / 2, size) if self.outline.polygon.equals(shapely.box(*low, *(low + size))) else None
+        if not self.outline.polygon.equals(shapely.box(*low, *(low + size))):
+            return None
+        middle, high = (CLEARANCE + self.height) / 2, self.height - CLEARANCE
+        return np.array((*(low + size / 2), middle)), np.array((*size, high))
 
     @cached_property
-    def pieces(self) -> list[Array]:
-        """Convex polygons (n, 2), counter-clockwise, that make up the outline."""
+    def prisms(self) -> list[Array]:
+        """Convex prisms that make up the shell: their corners (2n, 3), below and then above, counter-clockwise."""
         polygon = self.outline.polygon
         pieces: list[shapely.Polygon] = []
         for triangle in [polygon] if _convex(polygon) else shapely.constrained_delaunay_triangles(polygon).geoms:
             joined = ((k, piece.union(triangle)) for k, piece in enumerate(pieces))
             k, piece = next(((k, whole) for k, whole in joined if _convex(whole)), (len(pieces), triangle))
             pieces[k : k + 1] = [piece]
-        return [np.array(shapely.orient_polygons(piece.convex_hull).exterior.coords)[:-1] for piece in pieces]
+        rings = [shapely.orient_polygons(piece.convex_hull).exterior.coords[:-1] for piece in pieces]
+        return [np.array([(x, y, z) for z in (CLEARANCE, self.height) for x, y in ring]) for ring in rings]
 
     def comments(self, *notes: str) -> list[str]:
         """The lines with which a file begins, the last ones those of its format."""

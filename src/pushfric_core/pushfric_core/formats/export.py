@@ -7,6 +7,7 @@ from pushfric_core.formats.body import GRAVITY, HEIGHT, PUSHER_RADIUS, ExportedB
 from pushfric_core.formats.mjcf import mjcf
 from pushfric_core.formats.sdf import sdf
 from pushfric_core.geometry.outline import Outline
+from pushfric_core.mechanics.limit_surface import named_ellipsoid
 from pushfric_core.mechanics.prediction import FrictionModel
 
 FORMAT = 1
@@ -16,6 +17,7 @@ FORMAT = 1
 def json(body: ExportedBody) -> dict[str, str]:
     """All that is known, object frame, SI units; docs/planning.md has the keys."""
     friction, load, feet = body.friction, body.load, body.feet
+    ellipsoid, total = named_ellipsoid(friction.support), load.total_friction
     content = {
         "format": FORMAT,
         "comments": body.comments(),
@@ -31,26 +33,19 @@ def json(body: ExportedBody) -> dict[str, str]:
         "support_points": friction.support_points.tolist(),
         "w": friction.support.weights.tolist(),
         "center_of_friction": friction.center_of_friction.tolist(),
-        "misfit": friction.misfit,
-        "sliding_misfit": friction.sliding_misfit,
-        "stroke_misfit": friction.stroke_misfit,
-        "samples": friction.samples,
+        **{name: getattr(friction, name) for name in ("misfit", "sliding_misfit", "stroke_misfit", "samples")},
         "feet": {
             "points": feet.support.points.tolist(),
             "w": feet.support.weights.tolist(),
             "load_error": feet.error.load,
             "motion_error": feet.error.twist,
         },
-        "ellipsoid": {"f_max": body.ellipsoid.f_max, "m_max": body.ellipsoid.m_max},
+        "ellipsoid": {"f_max": total * ellipsoid.f_max, "m_max": total * ellipsoid.m_max},
     }
     return {f"{body.file_name}.json": jsons.dumps(content, indent=1) + "\n"}
 
 
-FORMATS: dict[str, Callable[[ExportedBody], dict[str, str]]] = {
-    "mjcf": mjcf,
-    "sdf": sdf,
-    "json": json,
-}
+FORMATS: dict[str, Callable[[ExportedBody], dict[str, str]]] = {"mjcf": mjcf, "sdf": sdf, "json": json}
 
 
 def export(

@@ -1,10 +1,11 @@
 """SDF: the object for Gazebo and Drake."""
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable
 from xml.etree.ElementTree import Element
 
-from pushfric_core.formats.body import CLEARANCE, FOOT_RADIUS, GYRATION, SHELL_MASS, ExportedBody
-from pushfric_core.formats.xml_text import document, element, numbers
+from pushfric_core.formats.body import FOOT_RADIUS, GYRATION, SHELL_MASS, ExportedBody
+from pushfric_core.formats.xml_text import document, element
 from pushfric_core.geometry.planar import Array
 
 NOTES = (
@@ -15,83 +16,55 @@ NOTES = (
 
 Triple = tuple[float, float, float]
 
-X, Y, Z = (1, 0, 0), (0, 1, 0), (0, 0, 1)
+ORIGIN = (0, 0, 0)
 
 
 def sdf(body: ExportedBody) -> dict[str, str]:
-    """The files: name and text. x, y and theta carry the shell over the table; each foot presses on it from its own slide."""
-    root = Element("sdf", version="1.7")
-    model = element(root, "model", name=body.name)
+    """The files: name and text. x, y and theta carry the shell over the table; each foot presses on it from its own slide.
+
+    The shell is one box, or convex prisms in files of their own.
+    """
     light = SHELL_MASS * body.load.mass
-    _hang(model, "slide_x", "world", "x", X, light)
-    _hang(model, "slide_y", "slide_x", "y", Y, light)
-    shell = _hang(model, "shell", "slide_y", "theta", Z, light)
-    for k, (place, geometry) in enumerate(_shell(body)):
-        _shape(shell, k, place, geometry, body.mu_c)
-    sphere = Element("sphere")
-    element(sphere, "radius", FOOT_RADIUS)
-    feet = body.feet.support
-    for k, ((x, y), share) in enumerate(zip(feet.points.tolist(), feet.weights.tolist(), strict=True)):
-        foot = _hang(model, f"foot_{k}", "shell", f"slide_{k}", Z, share * body.load.mass, (x, y, FOOT_RADIUS))
-        _shape(foot, 0, (0, 0, 0), sphere, body.load.table_friction)
-    return {f"{body.file_name}.sdf": document(root, body.comments(*NOTES)), **_meshes(body)}
-
-
-def _hang(model: Element, name: str, parent: str, joint: str, axis: Triple, mass: float, place: Triple = (0, 0, 0)) -> Element:
-    """A link at a place in the object frame [m], and the joint through its origin: theta turns about the axis, others slide."""
-    link = element(model, "link", name=name)
-    element(link, "pose", numbers(*place, 0, 0, 0))
-    inertial = element(link, "inertial")
-    element(inertial, "mass", mass)
-    inertia = element(inertial, "inertia")
-    for axes in ("ixx", "iyy", "izz"):
-        element(inertia, axes, mass * GYRATION**2)
-    hinge = element(model, "joint", name=joint, type="revolute" if joint == "theta" else "prismatic")
-    element(hinge, "parent", parent)
-    element(hinge, "child", name)
-    element(element(hinge, "axis"), "xyz", numbers(*axis))
-    return link
-
-
-def _shape(link: Element, k: int, place: Triple, geometry: Element, friction: float) -> None:
-    """The visual and the collision element of a link, with this coefficient."""
-    for kind in ("visual", "collision"):
-        part = element(link, kind, name=f"{kind}_{k}")
-        element(part, "pose", numbers(*place, 0, 0, 0))
-        element(part, "geometry").append(geometry)
-    engine = element(element(element(part, "surface"), "friction"), "ode")  # Drake and Gazebo's other engines read it, too
-    for name in ("mu", "mu2"):
-        element(engine, name, friction)
-
-
-def _shell(body: ExportedBody) -> Iterator[tuple[Triple, Element]]:
-    """Place and geometry of each piece: one box, or meshes in files of their own."""
+    meshes: dict[str, str] = {}
     if body.box is None:
-        for k in range(len(body.pieces)):
-            mesh = Element("mesh")
-            element(mesh, "uri", _mesh_name(body, k))
-            yield (0, 0, 0), mesh
+        meshes = {f"{body.file_name}_{k}.obj": _prism(prism) for k, prism in enumerate(body.prisms)}
+        shell = [_shape(k, ORIGIN, element("mesh", element("uri", name)), body.mu_c) for k, name in enumerate(meshes)]
     else:
-        (x, y), (length, width) = (pair.tolist() for pair in body.box)
-        box = Element("box")
-        element(box, "size", numbers(length, width, body.height - CLEARANCE))
-        yield (x, y, (body.height + CLEARANCE) / 2), box
+        middle, sides = body.box
+        shell = [_shape(0, middle, element("box", element("size", sides)), body.mu_c)]
+    parts = [*_hung("slide_x", "world", "x", "1 0 0", light), *_hung("slide_y", "slide_x", "y", "0 1 0", light)]
+    parts += _hung("shell", "slide_y", "theta", "0 0 1", light, ORIGIN, *itertools.chain(*shell))
+    foot = _shape(0, ORIGIN, element("sphere", element("radius", FOOT_RADIUS)), body.load.table_friction)
+    for k, (x, y, mass) in enumerate(body.footing):
+        parts += _hung(f"foot_{k}", "shell", f"slide_{k}", "0 0 1", mass, (x, y, FOOT_RADIUS), *foot)
+    root = element("sdf", element("model", *parts, name=body.name), version="1.7")
+    return {f"{body.file_name}.sdf": document(root, body.comments(*NOTES)), **meshes}
 
 
-def _meshes(body: ExportedBody) -> dict[str, str]:
-    """Convex prisms as OBJ files, by name; none if the shell is a box."""
-    pieces = body.pieces if body.box is None else []
-    return {_mesh_name(body, k): _prism(piece, body.height) for k, piece in enumerate(pieces)}
+def _hung(
+    name: str, parent: str, joint: str, axis: str, mass: float, place: Triple = ORIGIN, *shapes: Element
+) -> tuple[Element, Element]:
+    """A link at a place in the object frame [m], and the joint through its origin: theta turns about the axis, others slide."""
+    inertia = element("inertia", *(element(axes, mass * GYRATION**2) for axes in ("ixx", "iyy", "izz")))
+    inertial = element("inertial", element("mass", mass), inertia)
+    ends = element("parent", parent), element("child", name), element("axis", element("xyz", axis))
+    link = element("link", element("pose", (*place, 0, 0, 0)), inertial, *shapes, name=name)
+    return link, element("joint", *ends, name=joint, type="revolute" if joint == "theta" else "prismatic")
 
 
-def _mesh_name(body: ExportedBody, k: int) -> str:
-    return f"{body.file_name}_{k}.obj"
+def _shape(k: int, place: Iterable[float], geometry: Element, friction: float) -> tuple[Element, Element]:
+    """The visual and the collision element of a link, with this coefficient."""
+    pose = element("pose", (*place, 0, 0, 0))
+    engine = element("ode", element("mu", friction), element("mu2", friction))  # Drake and Gazebo's other engines read it, too
+    surface = element("surface", element("friction", engine))
+    visual = element("visual", pose, element("geometry", geometry), name=f"visual_{k}")
+    return visual, element("collision", pose, element("geometry", geometry), surface, name=f"collision_{k}")
 
 
-def _prism(corners: Array, height: float) -> str:
+def _prism(corners: Array) -> str:
     """An OBJ file, whose indices begin at 1; all faces are counter-clockwise, seen from outside."""
-    n = len(corners)
-    vertices = [f"v {x:.9g} {y:.9g} {z:.9g}" for z in (CLEARANCE, height) for x, y in corners.tolist()]
+    n = len(corners) // 2
+    vertices = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in corners.tolist()]
     sides = [(k + 1, (k + 1) % n + 1, (k + 1) % n + n + 1, k + n + 1) for k in range(n)]
     faces = [tuple(range(n, 0, -1)), tuple(range(n + 1, 2 * n + 1)), *sides]
     return "\n".join((*vertices, *(f"f {' '.join(map(str, face))}" for face in faces), ""))

@@ -5,17 +5,19 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element
 
-
-def element(parent: Element, tag: str, text: str | float | None = None, /, **attributes: str | float) -> Element:
-    """A new child; numbers are written with nine digits."""
-    child = ElementTree.SubElement(parent, tag, {name: _text(value) for name, value in attributes.items()})
-    child.text = None if text is None else _text(text)
-    return child
+import numpy as np
+import numpy.typing as npt
 
 
-def numbers(*values: float) -> str:
-    """Numbers with spaces between them."""
-    return " ".join(map(_text, values))
+def element(tag: str, /, *content: Element | npt.ArrayLike, **attributes: npt.ArrayLike) -> Element:
+    """An element with its children, or with a text; numbers are written with nine digits, and spaces between them."""
+    made = Element(tag, {name: _text(value) for name, value in attributes.items()})
+    for one in content:
+        if isinstance(one, Element):
+            made.append(one)
+        else:
+            made.text = _text(one)
+    return made
 
 
 def document(root: Element, comments: Iterable[str]) -> str:
@@ -25,5 +27,5 @@ def document(root: Element, comments: Iterable[str]) -> str:
     return f'<?xml version="1.0"?>\n<!--\n{lines}\n-->\n{ElementTree.tostring(root, encoding="unicode")}\n'
 
 
-def _text(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:.9g}"
+def _text(value: npt.ArrayLike) -> str:
+    return value if isinstance(value, str) else " ".join(f"{one:.9g}" for one in np.ravel(value))

@@ -5,8 +5,6 @@ import pathlib
 import warnings
 from collections.abc import Iterable
 
-import pydantic
-
 from pushfric_core.bags.recorded import Recorded, beside, check_source
 from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import Estimator
@@ -21,7 +19,7 @@ from pushfric_core.files.object_file import (
     make_object,
     read_points,
 )
-from pushfric_core.files.yaml_files import complaint, read_yaml, yaml_content
+from pushfric_core.files.yaml_files import fitting, read_yaml, yaml_content
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
@@ -56,10 +54,8 @@ def with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib
     if file is not None:
         support, where = SupportFile(points=[(x, y) for x, y in read_points(file).tolist()]), str(file)
     elif grid is not None:
-        try:
+        with fitting("--grid"):
             support, where = SupportFile(grid=grid, inset=model.file.support.inset), "--grid"
-        except pydantic.ValidationError as error:
-            raise InvalidInput(f"--grid: {complaint(error)}") from error
     else:
         return model
     return make_object(model.file.model_copy(update={"support": support}), where)

@@ -9,19 +9,21 @@ from typing import Annotated, Any
 
 import cv2
 import numpy as np
-from pydantic import Field, ValidationError
+import shapely
+from pydantic import Field
 
 from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import Length, ObjectFile, ObjectModel, Point, edited_object
-from pushfric_core.files.yaml_files import Strict, complaint, read_yaml
+from pushfric_core.files.yaml_files import Strict, fitting, read_yaml
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.page.server import PageServer, Reply, Request
+from pushfric_core.records import mapped
 from pushfric_core.vision.camera import Camera, Image, check_size
 from pushfric_core.vision.contour_tracker import ContourTracker
 from pushfric_core.vision.frame_source import Frames
-from pushfric_core.vision.outline_measurement import centroid, measured_outline
+from pushfric_core.vision.outline_measurement import measured_outline
 from pushfric_core.vision.sighting import NotSeen
 
 PICTURE = "picture.png"
@@ -97,10 +99,8 @@ class DrawnObject:
         Raises:
             InvalidInput: the text is no drawing.
         """
-        try:
+        with fitting("expected a drawing"):
             drawing = Drawing.model_validate_json(body)
-        except ValidationError as error:
-            raise InvalidInput(f"expected a drawing: {complaint(error)}") from error
         if drawing.find:
             try:
                 drawing = drawing.model_copy(update={"outline": self._found(drawing), "find": False})
@@ -200,7 +200,7 @@ class DrawnObject:
             corners = measured_outline(camera, image, self._height)
             edges = np.roll(corners, -1, axis=0) - corners
             along = edges[np.argmax(np.hypot(*edges.T))]
-            x, y = centroid(corners).tolist()
+            (x, y), *_ = shapely.Polygon(corners).centroid.coords
             return Pose(x, y, math.atan2(along[1], along[0]))
         x, y = camera.unproject([((camera.width - 1) / 2, (camera.height - 1) / 2)], self._height)[0].tolist()
         return Pose(x, y, 0.0)
@@ -223,9 +223,7 @@ class DrawnObject:
 
 
 def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(one) for key, one in value.items()}
-    return [_rounded(one) for one in value] if isinstance(value, list | tuple) else round(value, PRECISION)
+    return mapped(value, lambda one: round(one, PRECISION))
 
 
 def _from_above(camera: Camera, image: Image, pose: Pose, height: float) -> tuple[Image, tuple[float, float, float, float]]:

@@ -238,17 +238,13 @@ class _Asked(_Served):
 class Shown(_Asked):
     """A request that changes nothing."""
 
-    async def get(self, what: str) -> None:
-        """Show it."""
-        await self.answer(what)
+    get = _Asked.answer
 
 
 class Done(_Asked):
     """A request to change something."""
 
-    async def post(self, what: str) -> None:
-        """Carry it out."""
-        await self.answer(what)
+    post = _Asked.answer
 
 
 def _bound(config: ViewConfig) -> list[Any]:

@@ -46,7 +46,7 @@ from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.prediction import STICKING, FrictionModel, predicted_motions
 from pushfric_core.pushers.pusher import PusherFault
-from pushfric_core.records import to_json
+from pushfric_core.records import mapped, to_json
 from pushfric_core.trajectories.observation import Observation
 
 Change = dict[str, Any]
@@ -73,6 +73,9 @@ AFTER = (
 
 BELIEF = ("center_of_friction", "covariance", "radius", "mu_c", "w")
 """... and those of its belief."""
+
+PLAN_FIGURES = ("count", "completed", "aborted", "skipped", "in_place", "purpose", "message", "details")
+"""Fields of the plan that the page shows as the message has them."""
 
 PHASES = constants("PlanProgress")
 PHASE_NAMES = {number: name.removeprefix("PHASE_").lower() for name, number in PHASES.items()}
@@ -175,15 +178,8 @@ class Story:
         plan = {
             "phase": PHASE_NAMES.get(msg.phase, "waiting"),
             "push": msg.push_id,
-            "count": msg.count,
-            "completed": msg.completed,
-            "aborted": msg.aborted,
-            "skipped": msg.skipped,
             "placement": list(pose_from_msg(msg.placement)),
-            "in_place": msg.in_place,
-            "purpose": msg.purpose,
-            "message": msg.message,
-            "details": msg.details,
+            **{name: getattr(msg, name) for name in PLAN_FIGURES},
         }
         changed: Change = {"plan": plan}
         if before is not None and msg.completed == before.completed:
@@ -310,11 +306,7 @@ def _model_of(report: EstimateReport) -> FrictionModel | None:
 
 def _rounded(value: Any) -> Any:
     """The same with DIGITS significant digits."""
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_rounded(item) for item in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+    return mapped(value, lambda one: float(f"{one:.{DIGITS}g}") if isinstance(one, float) else one)
 
 
 def _remember(kept: OrderedDict[int, Any], stamp: int, value: Any) -> None:

@@ -110,13 +110,6 @@ MAP = (9, 7)
 _CORNERS = ("upper left", "upper right", "lower right", "lower left")
 
 
-class Placement(NamedTuple):
-    """Points of one thing on the table, such as a board."""
-
-    pixels: Array  # (n, 2) where they appear in the image [px]
-    points: Array  # (n, 2) where they are on the thing [m]
-
-
 class ErrorMap(NamedTuple):
     """How errors of the pixels change the calibration, all over the image."""
 
@@ -143,19 +136,19 @@ class TableCalibration(NamedTuple):
         return _rms(self.errors)
 
 
-def calibrate_table(lens: Lens, placements: Sequence[Placement]) -> TableCalibration:
+def calibrate_table(lens: Lens, placements: Sequence[View]) -> TableCalibration:
     """The table plane from things that lie on it.
 
     Args:
         lens: of the camera.
-        placements: at least one. The frame of the first is the table frame; where the others lie is found as well.
+        placements: of what lies on it, at least one. The frame of the first is the table frame; where others lie is found.
     Raises:
         InvalidInput: the points do not determine the plane; the text says what is missing.
     """
     first = placements[0]
     if len(np.unique(first.points, axis=0)) < 4:
         raise InvalidInput(f"too few different points: expected at least 4, got {len(np.unique(first.points, axis=0))}")
-    if any(_thickness(one) < MIN_THICKNESS for one in first):
+    if any(_thickness(one) < MIN_THICKNESS for one in (first.pixels, first.points)):
         raise InvalidInput(ON_A_LINE)
     solid, pixels = _solid(first.points), np.ascontiguousarray(first.pixels, dtype=float)
     found, turns, shifts, _ = cv2.solvePnPGeneric(solid, pixels, lens.K, lens.D, flags=cv2.SOLVEPNP_IPPE)
@@ -209,26 +202,21 @@ def table_from_frames(source: Frames, board: Board, lens: Lens, progress: Callab
     Raises:
         InvalidInput: images of another size than the lens's, or too few places; the text says what is missing.
     """
-    return calibration_from(
-        source, board, lens, "place", progress, lambda views, _: calibrate_table(lens, list(map(_placement, views)))
-    )
+    return calibration_from(source, board, lens, "place", progress, lambda views, _: calibrate_table(lens, views))
 
 
-def read_table_points(path: pathlib.Path) -> Placement:
+def read_table_points(path: pathlib.Path) -> View:
     """Pixels and table points [m] from a CSV file with columns u,v,x,y.
 
     Raises:
         InvalidInput: the file cannot be read as such a table; the text names the file, the line, and what was expected there.
     """
     rows = read_table(path, ("u", "v", "x", "y"), "points").rows
-    return Placement(np.array([row.numbers(("u", "v")) for row in rows]), np.array([row.lengths(("x", "y")) for row in rows]))
+    pixels, points = np.array([row.numbers(("u", "v")) for row in rows]), np.array([row.lengths(("x", "y")) for row in rows])
+    return View(np.arange(len(rows), dtype=float), points, pixels)
 
 
-def _placement(view: View) -> Placement:
-    return Placement(view.pixels, view.points)
-
-
-def _fit(lens: Lens, placements: Sequence[Placement], turn: Array, shift: Array) -> Any:
+def _fit(lens: Lens, placements: Sequence[View], turn: Array, shift: Array) -> Any:
     """The camera's pose (6) and the placements' poses (3 for each but the first) of the least sum of squared errors [px^2]."""
     camera = _camera(lens, np.concatenate((turn.ravel(), shift.ravel())))
     start = [turn.ravel(), shift.ravel()]

@@ -5,7 +5,7 @@ import pathlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,16 +25,6 @@ Loaded = TypeVar("Loaded")
 DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 DISTORTION_COEFFICIENTS = (4, 5, 8)
 _ZERO = np.zeros(3)
-
-
-class CameraInfoFields(Protocol):
-    """The fields of a sensor_msgs/CameraInfo that describe the lens."""
-
-    width: int
-    height: int
-    distortion_model: str
-    d: Any  # numbers
-    k: Any  # 9 numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,19 +80,6 @@ class Lens:
             raise InvalidInput(f"{name} must be finite, got {array.tolist()}")
         array.setflags(write=False)
         object.__setattr__(self, name, array)
-
-
-def lens_from_info(info: CameraInfoFields) -> Lens:
-    """The lens that a sensor_msgs/CameraInfo describes.
-
-    Raises:
-        InvalidInput: not calibrated, or a distortion model other than DISTORTION_MODELS.
-    """
-    if not any(info.k):
-        raise InvalidInput("the camera is not calibrated: K is all zero")
-    if info.distortion_model not in DISTORTION_MODELS:
-        raise InvalidInput(f"distortion model must be {' or '.join(DISTORTION_MODELS)}, got {info.distortion_model!r}")
-    return Lens(info.width, info.height, np.reshape(info.k, (3, 3)), np.array(info.d))
 
 
 def check_size(frame: Image, lens: Lens, source: str) -> None:
@@ -222,7 +199,7 @@ def load_lens(path: str | pathlib.Path) -> Lens:
     Raises:
         InvalidInput: the file cannot be read, lacks a field, or describes no calibrated camera; the text names file and field.
     """
-    return _loaded(path, lambda fields: lens_from_info(_YamlInfo(fields)))
+    return _loaded(path, _lens)
 
 
 def load_camera(path: str | pathlib.Path) -> Camera:
@@ -231,12 +208,7 @@ def load_camera(path: str | pathlib.Path) -> Camera:
     Raises:
         InvalidInput: as for `load_lens`.
     """
-
-    def camera(fields: dict[str, Any]) -> Camera:
-        lens = lens_from_info(_YamlInfo(fields))
-        return lens.over(np.reshape(_matrix(fields, "table_homography", 9), (3, 3)))
-
-    return _loaded(path, camera)
+    return _loaded(path, lambda fields: _lens(fields).over(np.reshape(_matrix(fields, "table_homography", 9), (3, 3))))
 
 
 def save_camera(camera: Lens, path: str | pathlib.Path) -> None:
@@ -293,15 +265,16 @@ def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) 
         return read(fields)
 
 
-class _YamlInfo:
-    """The lens part of a camera YAML, under the names of CameraInfo's fields."""
-
-    def __init__(self, fields: dict[str, Any]) -> None:
-        self.width = _integer(fields, "image_width")
-        self.height = _integer(fields, "image_height")
-        self.k = _matrix(fields, "camera_matrix", 9)
-        self.distortion_model = str(fields.get("distortion_model"))
-        self.d = _matrix(fields, "distortion_coefficients", *DISTORTION_COEFFICIENTS)
+def _lens(fields: dict[str, Any]) -> Lens:
+    """The lens of a camera YAML."""
+    width, height = (_integer(fields, key) for key in ("image_width", "image_height"))
+    k, model = _matrix(fields, "camera_matrix", 9), str(fields.get("distortion_model"))
+    d = _matrix(fields, "distortion_coefficients", *DISTORTION_COEFFICIENTS)
+    if not any(k):
+        raise InvalidInput("the camera is not calibrated: K is all zero")
+    if model not in DISTORTION_MODELS:
+        raise InvalidInput(f"distortion model must be {' or '.join(DISTORTION_MODELS)}, got {model!r}")
+    return Lens(width, height, np.reshape(k, (3, 3)), np.array(d))
 
 
 def _integer(fields: dict[str, Any], key: str) -> int:

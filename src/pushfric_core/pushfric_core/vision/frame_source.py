@@ -2,12 +2,14 @@
 
 import glob
 import itertools
+import math
 import pathlib
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from typing import Protocol
+from typing import NamedTuple, Self
 
 import cv2
 
@@ -121,32 +123,55 @@ class Device(threading.Thread):
             return
 
 
-class Frames(Protocol):
-    """The frames of one source, one after another; open it as a context manager, then iterate."""
+class Frame(NamedTuple):
+    """A frame as it arrived."""
 
-    name: str
-    """The source, in words."""
+    stamp: int  # [ns]
+    arrival: int  # [ns]
+    image: Image
 
-    pictures: bool
-    """Whether each frame is a separate picture, which shows nothing of what happened between two pictures."""
 
-    live: bool
-    """Whether the source is a camera, which does not end."""
+class Frames(ABC):
+    """The frames of one source, one after another; open it as a context manager, then iterate, or `wait` for each.
 
-    names: Sequence[str]
-    """The names of the pictures up to the last frame, or beyond; empty if frames are no pictures of their own."""
+    Attributes:
+        name: the source, in words.
+        pictures: whether each frame is a separate picture, which shows nothing of what happened between two pictures.
+        live: whether the source is a camera, which does not end.
+        names: of the pictures up to the last frame, or beyond; empty if frames are no pictures of their own.
+        waiting: frames that came and were not taken yet.
+        lost: number of frames of a topic that were published and did not arrive.
+        publishers: number of those of a topic.
+    """
 
-    def __enter__(self) -> "Frames": ...
+    names: Sequence[str] = ()
+    patience = math.inf  # how long the iteration waits for the next frame [s]
+    lost = publishers = 0
 
+    def __init__(self, name: str, pictures: bool, live: bool) -> None:
+        self.name, self.pictures, self.live = name, pictures, live
+        self.waiting: deque[Frame] = deque()
+
+    @abstractmethod
+    def __enter__(self) -> Self: ...
+
+    @abstractmethod
     def __exit__(self, *_: object) -> None: ...
 
-    def __iter__(self) -> Iterator[Image]: ...
+    @abstractmethod
+    def wait(self, seconds: float) -> bool:
+        """Wait for a frame, for at most this long [s], or until the source has ended; return whether one waits now."""
+
+    def __iter__(self) -> Iterator[Image]:
+        while self.wait(self.patience):
+            yield self.waiting.popleft().image
 
     def forget(self) -> None:
         """Leave out a camera's frames up to now, so that the next one shows the present."""
+        self.waiting.clear()
 
 
-class DeviceFrames:
+class DeviceFrames(Frames):
     """The frames of a device.
 
     Args:
@@ -157,28 +182,31 @@ class DeviceFrames:
 
     def __init__(self, source: str, size: tuple[int, int] | None = None) -> None:
         self._arrival = threading.Event()
-        self._device = Device(source, size, time.monotonic_ns, self._arrival.set)
-        self.name, self.pictures, self.live = source, self._device.pictures, self._device.live
-        self.names: Sequence[str] = self._device.names
+        self._device = Device(source, size, time.time_ns, self._arrival.set)
+        super().__init__(source, self._device.pictures, self._device.live)
+        self.names = self._device.names
 
-    def __enter__(self) -> "DeviceFrames":
+    def __enter__(self) -> Self:
         self._device.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._device.close()
 
-    def __iter__(self) -> Iterator[Image]:
-        while True:
+    def wait(self, seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
             ended = not self._device.is_alive()
-            while self._device.frames:
-                yield self._device.frames.popleft()[1]
-            if ended:
-                return
+            if self._device.frames:  # one, as a camera's oldest frames are to be dropped in its own queue
+                stamp, image = self._device.frames.popleft()
+                self.waiting.append(Frame(stamp, time.time_ns(), image))
+            if self.waiting or ended:
+                break
             self._arrival.wait(0.1)
             self._arrival.clear()
+        return bool(self.waiting)
 
     def forget(self) -> None:
-        """See Frames."""
         if self.live:
             self._device.frames.clear()
+            super().forget()

@@ -58,13 +58,6 @@ def measured_outline(camera: Camera, image: Image, height: float) -> Array:
     return camera.lifted(outline.vertices, height)
 
 
-def centroid(corners: Array) -> Array:
-    """The centroid (2,) of a polygon (n, 2)."""
-    a, b = corners - corners[0], np.roll(corners, -1, axis=0) - corners[0]
-    areas = cross(a, b)
-    return np.asarray(corners[0] + (areas @ (a + b)) / (3 * areas.sum()))
-
-
 def _blob(image: Image) -> npt.NDArray[np.int32]:
     """The contour (n, 1, 2) of the one bright object, in whole pixels."""
     darkest, brightest, _, _ = cv2.minMaxLoc(image)

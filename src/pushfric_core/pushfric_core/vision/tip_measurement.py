@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from scipy.optimize import least_squares
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Array, cross
@@ -121,10 +122,9 @@ class _Line(NamedTuple):
 
 def _fitted(positions: Array, centers: Array) -> _Line:
     """The uniform motion through the centres (n, 2), by least squares."""
-    a = np.column_stack((np.ones(len(positions)), positions))
-    solution, *_ = np.linalg.lstsq(a, centers, rcond=None)
-    off = centers - a @ solution
-    return _Line(solution[0], solution[1], math.sqrt(float(np.mean(np.sum(off**2, axis=1)))))
+    velocity, origin = np.polyfit(positions, centers, 1)
+    off = centers - origin - positions[:, None] * velocity
+    return _Line(origin, velocity, math.sqrt(float(np.mean(np.sum(off**2, axis=1)))))
 
 
 def _height(camera: Camera, line: _Line) -> float:
@@ -166,13 +166,7 @@ class _Circle(NamedTuple):
 
     def with_radius(self, radius: float) -> "_Circle":
         """The circle of this radius that fits its points best."""
-        center = self.center
-        for _ in range(_ROUNDS):
-            away = self.points - center
-            lengths = np.hypot(*away.T)
-            units = away / lengths[:, None]
-            step, *_ = np.linalg.lstsq(units, lengths - radius, rcond=None)
-            center = center + step
+        center = least_squares(lambda at: np.hypot(*(self.points - at).T) - radius, self.center, xtol=1e-12).x
         return _Circle(center, radius, self.points)
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pushfric_core.settings import check_ranges, setting
+from pushfric_core.settings import Ranged, setting
 from pushfric_core.vision.sighting import Tracker
 
 if TYPE_CHECKING:
@@ -12,13 +12,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ContourConfig:
+class ContourConfig(Ranged):
     """A bright object on a dark table, seen by its outline."""
 
     threshold: int = setting(0, "grey level between table and object; 0: found in each frame (Otsu)", 0, 255)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
 
     def open_tracker(self, camera: "Camera", model: "ObjectModel", height: float) -> Tracker:
         """See TrackerDriver."""

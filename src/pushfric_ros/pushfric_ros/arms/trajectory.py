@@ -10,10 +10,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from pushfric_core.errors import blaming
 from pushfric_core.geometry.planar import Array
 from pushfric_core.settings import setting
 from pushfric_ros.arms.arm import DEAD_MAN, ArmConfig, Command
@@ -58,19 +60,17 @@ class Chain:
         Raises:
             ValueError: it is none, or no chain of joints leads from the reference to the frame.
         """
-        try:
+        with blaming("is not XML", ElementTree.ParseError, error=ValueError):
             root = ElementTree.fromstring(urdf)
-            above = {_of(joint, "child", "link"): joint for joint in root.iter("joint") if joint.find("child") is not None}
-            path: list[ElementTree.Element] = []
-            link = frame
-            while link != reference:
-                if link not in above or above[link] in path:
-                    raise ValueError(f"no joints lead from {reference!r} to {frame!r}")
-                path.insert(0, above[link])
-                link = _of(above[link], "parent", "link")
-            return cls(*_joints(path))
-        except ElementTree.ParseError as error:
-            raise ValueError(f"is not XML: {error}") from error
+        above = {_of(joint, "child", "link"): joint for joint in root.iter("joint") if joint.find("child") is not None}
+        path: list[ElementTree.Element] = []
+        link = frame
+        while link != reference:
+            if link not in above or above[link] in path:
+                raise ValueError(f"no joints lead from {reference!r} to {frame!r}")
+            path.insert(0, above[link])
+            link = _of(above[link], "parent", "link")
+        return cls(*_joints(path))
 
     @property
     def names(self) -> list[str]:
@@ -89,7 +89,7 @@ class Chain:
             if joint.slides:
                 place = place + position * axes @ joint.axis
             else:
-                axes = axes @ turn(joint.axis, position)
+                axes = axes @ Rotation.from_rotvec(position * joint.axis).as_matrix()
         end = place + axes @ self._end
         columns = [
             np.concatenate((axis, np.zeros(3)) if joint.slides else (np.cross(axis, end - at), axis))
@@ -117,8 +117,7 @@ def _joints(path: list[ElementTree.Element]) -> tuple[list[Joint], Array]:
         kind, name = joint.get("type"), joint.get("name", "")
         origin = joint.find("origin")
         here = np.zeros(6) if origin is None else np.array((_numbers(origin, "xyz"), _numbers(origin, "rpy"))).ravel()
-        roll, pitch, yaw = here[3:]
-        place, axes = place + axes @ here[:3], axes @ turn(UP, yaw) @ turn(LEFT, pitch) @ turn(AHEAD, roll)
+        place, axes = place + axes @ here[:3], axes @ Rotation.from_euler("xyz", here[3:]).as_matrix()
         if kind == "fixed":
             continue
         kind = kind if joint.find("mimic") is None else "mimic"
@@ -154,16 +153,6 @@ def _numbers(element: ElementTree.Element, key: str) -> list[float]:
     if not np.isfinite((x, y, z)).all():
         raise ValueError(f"{key} must be three numbers, got {text!r}")
     return [x, y, z]
-
-
-def turn(axis: Array, angle: float) -> Array:
-    """Rotation matrix about a unit vector (3,), by Rodrigues' formula."""
-    x, y, z = axis
-    k = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
-
-
-AHEAD, LEFT, UP = np.eye(3)
 
 
 LEGS = ((0.06, True), (0.09, True), (0.1, False))

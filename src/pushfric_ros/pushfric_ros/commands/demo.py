@@ -7,14 +7,13 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, SimulationConfig, ViewConfig
-from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import AUTO_VIEW, HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.application import AUTO_VIEW, Application
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
 from pushfric_core.commands.console import console, fail, write_json
 from pushfric_core.commands.options import RUNS, JsonOption
 from pushfric_core.commands.program import telling_what_is_left
@@ -33,7 +32,7 @@ from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.recorded_run import left_behind, print_result
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
-from pushfric_ros.graph.supervisor import Ended, scratch_folder
+from pushfric_ros.graph.supervisor import scratch_folder
 from pushfric_ros.messages.conversions import report_from_msg
 from pushfric_ros.messages.markers import center_of_friction_from
 
@@ -49,7 +48,7 @@ PLAYED, ASIDE = 7, 0.03
 app = Application()
 
 
-@app.command(cls=WithView)
+@app.command()
 def demo(
     headless: HeadlessFlag = False,
     view: ViewOption = "",
@@ -82,11 +81,21 @@ def demo(
     load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
     shown = view_at(view, ViewConfig())
     live = console.is_terminal and not headless
-    with telling_what_is_left(lambda: left_behind(bag)):
-        last, ended = run_demo(console, object_name, seed, bag, live, pushes, shown, planner, play)
+    with telling_what_is_left(lambda: left_behind(bag)), scratch_folder() as scratch:
+        cell = dataclasses.replace(demo_cell(object_name, scratch), plan=pushes)
+        if play:
+            cell = dataclasses.replace(cell, simulation=SimulationConfig(placement_error=ASIDE))
+        speed = 1.0 if play else SPEED
+        specs = graph.simulated_cell(cell, str(bag), seed, speed)
+        specs = graph.with_view(specs, object_name, shown, play) if shown is not None else specs
+        specs = graph.with_planner(specs, cell.planner) if planner else specs
+        specs = specs if live or shown is not None else graph.unattended(specs)
+        console.print(f"simulated cell, {object_name}, at {speed:g} times real time; recording {bag}", markup=False)
+        what, known, prompts = f"pushing {object_name}", TABLE_1[object_name], shown is not None
+        ended, last = watch(console, specs, cell.namespace, what, live, prompts=prompts, recorded=bag, known=known)
     if last is not None:
-        print_summary(console, object_name, last)
-        write_json(to_json({**report_from_msg(last).to_dict(), "truth": TABLE_1[object_name].to_dict(), "bag": str(bag)}), json)
+        print_summary(object_name, last)
+        write_json(to_json({**report_from_msg(last).to_dict(), "truth": known.to_dict(), "bag": str(bag)}), json)
     print_result(console, bag)
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)
@@ -113,42 +122,7 @@ def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
     )
 
 
-def run_demo(
-    console: Console,
-    object_name: str,
-    seed: int,
-    bag: pathlib.Path,
-    live: bool,
-    plan: PlanConfig,
-    view: ViewConfig | None = None,
-    planner: bool = False,
-    play: bool = False,
-) -> tuple[FrictionEstimate | None, Ended]:
-    """Run the graph until its plan is finished; return the last estimate published, and how the run ended."""
-    with scratch_folder() as scratch:
-        cell = dataclasses.replace(demo_cell(object_name, scratch), plan=plan)
-        if play:
-            cell = dataclasses.replace(cell, simulation=SimulationConfig(placement_error=ASIDE))
-        speed = 1.0 if play else SPEED
-        specs = graph.simulated_cell(cell, str(bag), seed, speed)
-        specs = graph.with_view(specs, object_name, view, play) if view is not None else specs
-        specs = graph.with_planner(specs, cell.planner) if planner else specs
-        specs = specs if live or view is not None else graph.unattended(specs)
-        console.print(f"simulated cell, {object_name}, at {speed:g} times real time; recording {bag}", markup=False)
-        ended, last = watch(
-            console,
-            specs,
-            cell.namespace,
-            f"pushing {object_name}",
-            live,
-            prompts=view is not None,
-            recorded=bag,
-            known=TABLE_1[object_name],
-        )
-    return last, ended
-
-
-def print_summary(console: Console, name: str, msg: FrictionEstimate) -> None:
+def print_summary(name: str, msg: FrictionEstimate) -> None:
     """The last estimate next to the truth of a simulated object."""
     known = TABLE_1[name]
     size, true = known.outline.size, known.support.center_of_friction

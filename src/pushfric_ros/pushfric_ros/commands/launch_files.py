@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pushfric_core.bags.recorded import Recorded, beside
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, ViewConfig
-from pushfric_core.commands.cell_options import AUTO_VIEW, view_at
+from pushfric_core.commands.application import AUTO_VIEW
+from pushfric_core.commands.cell_options import view_at
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.files.object_file import OBJECT_FILE
 from pushfric_ros.commands.demo import SPEED, demo_cell

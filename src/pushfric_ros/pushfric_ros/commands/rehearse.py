@@ -33,7 +33,7 @@ app = Application()
 
 @app.command("rehearse")
 def rehearsal(
-    port: Annotated[str, typer.Option(help="Serial port of the GRBL controller.", show_default=False)] = "",
+    port: Annotated[str, typer.Option(help="Serial port of the GRBL controller.")] = "",
     stroke: Annotated[
         float | None,
         typer.Option(
@@ -71,13 +71,11 @@ def rehearsal(
 
     Exit code 1: a fault did not end as it must.
     """
-    kind, prefix = (GrblStage, "--") if driver == "grbl" else (Stage, "--set: ")
-    try:
-        chosen = plugin(PUSHERS, driver)
-    except ValueError as error:
-        raise InvalidInput(f"--{error}") from error
+    kind, prefix = GrblStage if driver == "grbl" else Stage, "--"
     own = {"port": port, "baud": baud, "axis": axis, "silence": silence}
     try:
+        chosen = plugin(PUSHERS, driver)
+        prefix = "--" if kind is GrblStage else "--set: "
         (chosen,) = read(own if kind is GrblStage else _assigned(settings or []), chosen)
     except ValueError as error:
         raise InvalidInput(f"{prefix}{error}") from error

@@ -8,7 +8,7 @@ import typer
 from pushfric_core.bags.recorded import Recorded, beside
 from pushfric_core.cell.node_settings import PlannerConfig, PlayerConfig, ViewConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
 from pushfric_core.commands.console import console, fail, warn
 from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import print_result
@@ -24,9 +24,9 @@ from pushfric_ros.messages.conversions import report_from_msg
 app = Application()
 
 
-@app.command(cls=WithView)
+@app.command()
 def replay(
-    bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.", show_default=False)],
+    bag: Annotated[pathlib.Path, typer.Argument(help="Bag: a folder or a .mcap.")],
     object_name: ObjectOption = "",
     rate: Annotated[float, option(PlayerConfig, "rate")] = PlayerConfig.rate,
     partial: PartialFlag = False,

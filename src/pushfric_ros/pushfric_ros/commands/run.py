@@ -11,7 +11,7 @@ import typer
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, WithView, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.options import RUNS
 from pushfric_core.commands.program import telling_what_is_left
@@ -27,9 +27,9 @@ from pushfric_ros.graph import graph
 app = Application()
 
 
-@app.command(cls=WithView)
+@app.command()
 def run(
-    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.")],
     bag: Annotated[
         pathlib.Path | None, typer.Option(help="Folder of the bag to record.", show_default="runs/NAME-DATE")
     ] = None,
@@ -46,8 +46,7 @@ def run(
         typer.Option(help="Save the model to this file (.yaml).", show_default="estimator.save of the cell"),
     ] = None,
     simulated_camera: Annotated[
-        bool,
-        typer.Option("--simulated-camera", help="The real controller moves, without an object; the camera is simulated."),
+        bool, typer.Option("--simulated-camera", help="The real controller moves, without an object; the camera is simulated.")
     ] = False,
     simulated: Annotated[
         bool, typer.Option("--simulated", help="Controller and camera are simulated, at five times real time; nothing moves.")

@@ -37,23 +37,12 @@ RULES = {
 }
 """Role and kind of an endpoint -> the element of the policy, and its attribute."""
 
-PERSON = (
-    ("subscribes", "topic", "pusher_state"),
-    ("subscribes", "topic", "pusher_fault"),
-    ("subscribes", "topic", "plan_progress"),
-    ("subscribes", "topic", "friction_estimate"),
-    ("subscribes", "topic", "estimator_progress"),
-    ("subscribes", "topic", "/diagnostics"),
-    ("publishes", "topic", "heartbeat"),
-    ("publishes", "topic", "stop"),
-    ("calls", "service", "actuator/stop"),
-    ("calls", "service", "actuator/reset"),
-    ("calls", "service", "experiment/withdraw"),
-    ("calls", "service", "experiment/repeat"),
-    ("calls", "service", "experiment/skip"),
-    ("calls", "service", "experiment/end"),
-    ("calls", "service", "estimator/reset"),
-)
+PERSON = {
+    ("subscribes", "topic"): "pusher_state pusher_fault plan_progress friction_estimate estimator_progress /diagnostics",
+    ("publishes", "topic"): "heartbeat stop",
+    ("calls", "service"): "actuator/stop actuator/reset estimator/reset"
+    " experiment/withdraw experiment/repeat experiment/skip experiment/end",
+}
 """Permissions of the command line: watch, stop and reset, but not push."""
 
 app = Application()
@@ -69,8 +58,8 @@ class Permission(NamedTuple):
 
 @app.command()
 def security(
-    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.", show_default=False)],
-    out: Annotated[pathlib.Path, typer.Option(help=f"Folder for {FILE}.", show_default=False)],
+    cell: Annotated[pathlib.Path, typer.Argument(help="Cell YAML.")],
+    out: Annotated[pathlib.Path, typer.Option(help=f"Folder for {FILE}.")],
 ) -> None:
     """docs/security.md says how to make keys from the policy, and how to switch it on."""
     file = load_cell(cell)
@@ -102,7 +91,8 @@ def permissions(file: CellFile) -> Mapping[str, Sequence[Permission]]:
                 wanted += [one._replace(name=f"{one.name}/*") for one in wanted if one.role == "serves"]
             allowed[enclave(namespace, spec.name)] = wanted
     every = [_kind(endpoint) for endpoint in asked.every_node if not endpoint.name.startswith("~")]
-    allowed[enclave(namespace, COMMAND_LINE)] = [_permission(namespace, "", *kind) for kind in (*every, *PERSON)]
+    every += [(*rule, name) for rule, names in PERSON.items() for name in names.split()]
+    allowed[enclave(namespace, COMMAND_LINE)] = [_permission(namespace, "", *kind) for kind in every]
     return allowed
 
 

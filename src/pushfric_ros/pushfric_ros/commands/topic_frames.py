@@ -2,25 +2,24 @@
 
 import os
 import time
-from collections import deque
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, Self
 
+from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.node_settings import Discovery
 from pushfric_core.errors import InvalidInput
 from pushfric_core.vision.camera import Image
-from pushfric_core.vision.frame_source import TOPICS
+from pushfric_core.vision.frame_source import TOPICS, Frame, Frames
 from pushfric_core.vision.image_messages import image_from_msg
 from pushfric_ros.node_kit import network
+from pushfric_ros.node_kit.bodies import messages
+from pushfric_ros.node_kit.losses import Reception
 from pushfric_ros.node_kit.visit import Visit, visit
 from pushfric_ros.nodes.tracker import IMAGE_QUEUE, MESSAGES
 
-FRAME_TIMEOUT = 10.0
-"""How long to wait for the next frame of a topic [s]."""
 
-
-class TopicFrames:
-    """The frames of a topic; see Frames.
+class TopicFrames(Frames):
+    """The frames of a topic.
 
     Args:
         source: one of `TOPICS`.
@@ -28,26 +27,22 @@ class TopicFrames:
         discovery: where the nodes of the cell look for each other; None: as the environment says.
     """
 
-    pictures, live = False, True
-    names: Sequence[str] = ()
+    patience = 10.0
 
     def __init__(self, source: str, namespace: str, discovery: Discovery | None) -> None:
         if discovery is not None:
             os.environ.update(network.asked_for(discovery))
-        self.name = f"{namespace.rstrip('/')}/{TOPICS[source]}"
+        super().__init__(f"{namespace.rstrip('/')}/{TOPICS[source]}", pictures=False, live=True)
         self._source, self._namespace = source, namespace
-        self._frames: deque[Image] = deque()
-        self._problem: str | None = None
-        self._since = 0  # frames that arrived earlier are left out [ns]
-        self._here: Visit[Any] | None = None
+        self._problem = ""
 
-    def __enter__(self) -> "TopicFrames":
-        self._here = visit("frames", self._namespace, images=True)
-        self._here.node.create_subscription(MESSAGES[self._source], TOPICS[self._source], self._take, IMAGE_QUEUE)
+    def __enter__(self) -> Self:
+        self._here: Visit[Any] = visit("frames", self._namespace, images=True)
+        self._received = Reception(self._here.node, MESSAGES[self._source], TOPICS[self._source], self._take, IMAGE_QUEUE)
         return self
 
     def __exit__(self, *_: object) -> None:
-        assert self._here is not None
+        self.lost, self.publishers = self._received.losses.messages, self._received.subscription.get_publisher_count()
         self._here.close()
 
     def __iter__(self) -> Iterator[Image]:
@@ -56,26 +51,26 @@ class TopicFrames:
         Raises:
             InvalidInput: no frame comes, or a frame is not a picture.
         """
-        assert self._here is not None
-        deadline = time.monotonic() + FRAME_TIMEOUT
-        while time.monotonic() < deadline:
-            self._here.spin_once(0.1)
-            if self._problem is not None:
-                raise InvalidInput(f"{self.name}: {self._problem}")
-            if self._frames:
-                yield self._frames.popleft()
-                deadline = time.monotonic() + FRAME_TIMEOUT
+        yield from super().__iter__()
         raise InvalidInput(f"no frames from {self.name}: does its driver run, in this namespace?")
 
-    def forget(self) -> None:
-        """See Frames."""
-        self._since = time.time_ns()
-        self._frames.clear()
+    def wait(self, seconds: float) -> bool:
+        """See Frames. Raises InvalidInput if a frame is not a picture."""
+        deadline = time.monotonic() + seconds
+        while not self.waiting and time.monotonic() < deadline:
+            self._here.spin_once(0.1)
+            if self._problem:
+                raise InvalidInput(f"{self.name}: {self._problem}")
+        return bool(self.waiting)
 
-    def _take(self, msg: Any, info: dict[str, Any]) -> None:
-        if info["received_timestamp"] < self._since:  # it has waited in the middleware's queue
-            return
+    def forget(self) -> None:
+        super().forget()
+        for _ in messages(self._received.subscription):
+            pass  # they have waited in the middleware's queue
+
+    def _take(self, msg: Any) -> None:
+        arrival = time.time_ns()
         try:
-            self._frames.append(image_from_msg(msg))
+            self.waiting.append(Frame(stamp_from_msg(msg.header.stamp), arrival, image_from_msg(msg)))
         except ValueError as error:
             self._problem = str(error)

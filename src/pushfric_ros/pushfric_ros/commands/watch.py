@@ -122,8 +122,7 @@ def watch(
         with Supervisor(specs, namespace, say) as supervisor:
             ended, monitor = watched(supervisor)
             supervisor.end(but=VIEW)
-            if ended.code == 0 and supervisor.failed_at_the_end is not None:
-                ended = supervisor.failed_at_the_end
+            ended = ended if ended.code else supervisor.failed_at_the_end or ended
             if recorded is not None:
                 result, doubts = result_of(recorded), [ended.reason]
                 if ended.code == 0:
@@ -133,9 +132,7 @@ def watch(
                     write_result(recorded, result, doubts, known)
                 except PushfricError as error:
                     warn(f"no result: {error}")
-        if ended.code == 0 and supervisor.failed_at_the_end is not None:
-            ended = supervisor.failed_at_the_end
-        return ended, monitor.estimate
+        return ended if ended.code else supervisor.failed_at_the_end or ended, monitor.estimate
     finally:
         end_at_once()
 

@@ -76,7 +76,7 @@ class NodeProcess:
     def running(self) -> bool:
         """Whether the process has not ended yet."""
         self._server.listen()
-        return self.returncode is None and (not self._server.gone or _runs(self.pid))
+        return self.returncode is None and (not self._server.gone or state_of(self.pid) not in "ZX")
 
     def wait(self, seconds: float) -> None:
         """Wait for the end of the process, for at most this long [s]."""
@@ -190,12 +190,12 @@ class ForkServer:
             self._processes.pop(ended).returncode = code
 
 
-def _runs(pid: int) -> bool:
-    """Whether a process that is no child of this one has not ended."""
+def state_of(pid: int) -> str:
+    """The state of a process, which follows the command's name in proc_pid_stat(5): T, stopped; Z or X, it has ended."""
     try:
-        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:  # it has ended, or this is not Linux
+        return "X"
 
 
 _prepared: list[ForkServer] = []
@@ -246,29 +246,27 @@ def _serve(commands: socket.socket) -> tuple[dict[str, Any], int]:
     Returns:
         What the process is to run, and the file descriptor of its output; what it is to hold just stays open.
     """
-    read, write = os.pipe()
-    os.set_blocking(write, False)
-    signal.set_wakeup_fd(write)
-    signal.signal(signal.SIGCHLD, lambda *_: None)  # so that it wakes
     with selectors.DefaultSelector() as selector:
         selector.register(commands, selectors.EVENT_READ)
-        selector.register(read, selectors.EVENT_READ)
         _report(commands, ready=True)
         while True:
-            for key, _ in selector.select():
-                if key.fileobj is commands:
-                    request, files = _receive(commands)
-                    if (pid := os.fork()) == 0:
-                        os.close(read)
-                        os.close(write)
-                        return request, files[0]
-                    os.setpgid(pid, pid)
-                    for file in files:
-                        os.close(file)
-                    _report(commands, started=pid)
-                else:
-                    os.read(read, LONGEST)
-                    _reap(commands)
+            for ready, _ in selector.select():
+                if pid := ready.data:  # it has ended
+                    selector.unregister(ready.fd)
+                    os.close(ready.fd)
+                    _report(commands, ended=pid, code=os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+                    continue
+                request, files = _receive(commands)
+                if (pid := os.fork()) == 0:
+                    for other in selector.get_map().values():
+                        if other.data:
+                            os.close(other.fd)
+                    return request, files[0]
+                os.setpgid(pid, pid)
+                for file in files:
+                    os.close(file)
+                selector.register(os.pidfd_open(pid), selectors.EVENT_READ, pid)
+                _report(commands, started=pid)
 
 
 def _receive(commands: socket.socket) -> tuple[dict[str, Any], list[int]]:
@@ -283,17 +281,6 @@ def _receive(commands: socket.socket) -> tuple[dict[str, Any], list[int]]:
     os._exit(0)
 
 
-def _reap(commands: socket.socket) -> None:
-    while True:
-        try:
-            pid, status = os.waitpid(-1, os.WNOHANG)
-        except ChildProcessError:  # no child is left
-            return
-        if not pid:
-            return
-        _report(commands, ended=pid, code=os.waitstatus_to_exitcode(status))
-
-
 def _report(commands: socket.socket, **what: Any) -> None:
     with contextlib.suppress(ConnectionError):  # the command line has gone; the next request says so
         commands.send(json.dumps(what).encode())
@@ -301,8 +288,6 @@ def _report(commands: socket.socket, **what: Any) -> None:
 
 def _run_node(output: int, arguments: list[str], environment: Mapping[str, str]) -> None:
     """Become what `arguments` would have started."""
-    signal.set_wakeup_fd(-1)
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     # until the node takes its signals over, there is nothing to wind up: it ends at once, and without a traceback
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     die_with_parent(signal.SIGTERM)

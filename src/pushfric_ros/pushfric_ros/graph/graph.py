@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from pushfric_core.cell.cell_file import CellFile
-from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, CameraConfig, Images, PlannerConfig, ViewConfig
+from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, CameraConfig, Images, KnownTopic, PlannerConfig, ViewConfig
 from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
@@ -61,29 +61,21 @@ class Launchable(NamedTuple):
     """From these values and the namespace, once all nodes of a finished run have ended: in which ways the run has failed."""
 
 
-class CellTopic(NamedTuple):
-    """A topic of the cell, relative to its namespace."""
-
-    name: str
-    type: str
-    qos: str  # sensor_data, reliable or latched
-
-
 TOPICS = (
-    CellTopic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "reliable"),
-    CellTopic("pusher_state", "pushfric_msgs/msg/PusherState", "reliable"),
-    CellTopic("pusher_fault", "std_msgs/msg/String", "latched"),
-    CellTopic("placement", "geometry_msgs/msg/PoseStamped", "latched"),
-    CellTopic("plan_progress", "pushfric_msgs/msg/PlanProgress", "latched"),
-    CellTopic("observation", "pushfric_msgs/msg/Observation", "reliable"),
-    CellTopic("support_friction", "pushfric_msgs/msg/SupportFriction", "latched"),
-    CellTopic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
-    CellTopic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
-    CellTopic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
-    CellTopic(estimator_settings.START_TOPIC, "pushfric_msgs/msg/EstimationStart", "latched"),
-    CellTopic("center_of_friction_region", "pushfric_msgs/msg/CenterOfFrictionRegion", "latched"),
-    CellTopic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
-    CellTopic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
+    KnownTopic("object_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", "reliable"),
+    KnownTopic("pusher_state", "pushfric_msgs/msg/PusherState", "reliable"),
+    KnownTopic("pusher_fault", "std_msgs/msg/String", "latched"),
+    KnownTopic("placement", "geometry_msgs/msg/PoseStamped", "latched"),
+    KnownTopic("plan_progress", "pushfric_msgs/msg/PlanProgress", "latched"),
+    KnownTopic("observation", "pushfric_msgs/msg/Observation", "reliable"),
+    KnownTopic("support_friction", "pushfric_msgs/msg/SupportFriction", "latched"),
+    KnownTopic("center_of_friction", "geometry_msgs/msg/PointStamped", "latched"),
+    KnownTopic("contact_friction", "pushfric_msgs/msg/ContactFriction", "latched"),
+    KnownTopic("friction_estimate", "pushfric_msgs/msg/FrictionEstimate", "latched"),
+    KnownTopic(estimator_settings.START_TOPIC, "pushfric_msgs/msg/EstimationStart", "latched"),
+    KnownTopic("center_of_friction_region", "pushfric_msgs/msg/CenterOfFrictionRegion", "latched"),
+    KnownTopic("recognition", "pushfric_msgs/msg/Recognition", "latched"),
+    KnownTopic(estimator_settings.TOPIC, "std_msgs/msg/String", "latched"),
 )
 """The topics that a cell records: all except images, friction models, which follow from the observations, and heartbeats, which
 are 80 messages a second that say that nothing hangs.
@@ -91,10 +83,10 @@ are 80 messages a second that say that nothing hangs.
 A missing heartbeat leads to a fault, which is recorded.
 """
 
-WRENCH = CellTopic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
+WRENCH = KnownTopic("wrench", "geometry_msgs/msg/WrenchStamped", "sensor_data")
 """Recorded as well if the estimate uses measured forces."""
 
-IMAGES = CellTopic(KEYFRAMES, "sensor_msgs/msg/CompressedImage", "reliable")
+IMAGES = KnownTopic(KEYFRAMES, "sensor_msgs/msg/CompressedImage", "reliable")
 """Recorded as well unless the cell's file says that no images are kept."""
 
 

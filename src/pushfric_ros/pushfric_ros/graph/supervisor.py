@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from ament_index_python.packages import get_package_prefix
 
 from pushfric_ros.graph import fork_server
-from pushfric_ros.graph.fork_server import NodeProcess, ServerGone
+from pushfric_ros.graph.fork_server import NodeProcess, ServerGone, state_of
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec
 from pushfric_ros.node_kit.lock import lock
 from pushfric_ros.node_kit.visit import enclave
@@ -91,6 +91,9 @@ class Supervisor:
         specs: the nodes.
         namespace: namespace of all nodes.
         say: called from threads with (node name, line) for each line that a node prints.
+    Attributes:
+        failed_at_the_end: the first node that was asked to end and ended with an error, such as a recorder that found messages
+            missing.
     Raises:
         InvalidInput: on entry, if a cell of this name is already running.
     """
@@ -103,7 +106,7 @@ class Supervisor:
         self._restarts = Restarts()
         self._stopped: dict[str, float] = {}  # since when a node's process stands still
         self._interrupted = False
-        self._at_the_end: Ended | None = None
+        self.failed_at_the_end: Ended | None = None
         self._leaving = contextlib.ExitStack()  # undoes what was done on entry, in reverse order
 
     def __enter__(self) -> "Supervisor":
@@ -125,11 +128,6 @@ class Supervisor:
 
     def __exit__(self, *_: object) -> None:
         self._leaving.close()
-
-    @property
-    def failed_at_the_end(self) -> Ended | None:
-        """The first node that was asked to end and ended with an error, such as a recorder that found messages missing."""
-        return self._at_the_end
 
     @property
     def processes(self) -> dict[str, int]:
@@ -169,7 +167,7 @@ class Supervisor:
 
     def _end_if_stopped(self, name: str) -> None:
         process = self._processes[name]
-        if not _stands_still(process.pid):
+        if state_of(process.pid) != "T":
             self._stopped.pop(name, None)
         elif time.monotonic() - self._stopped.setdefault(name, time.monotonic()) > STOPPED:
             self._say("supervisor", f"{name} was stopped (SIGSTOP) for {STOPPED:g} s and is ended")
@@ -185,7 +183,7 @@ class Supervisor:
             listener.join(1.0)
         codes = ((spec.name, self._processes[spec.name].returncode) for spec in self._specs if spec.name in self._processes)
         failed = (Ended(code, f"{name} {describe(code)}") for name, code in codes if code is not None and code > 0)
-        self._at_the_end = next(failed, None)
+        self.failed_at_the_end = next(failed, None)
 
     def _on_signal(self, *_: Any) -> None:
         self._interrupted = True
@@ -241,11 +239,3 @@ def describe(code: int) -> str:
     if code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
-
-
-def _stands_still(pid: int) -> bool:
-    """Whether a process is stopped, as by SIGSTOP (proc_pid_stat(5): the state follows the command's name)."""
-    try:
-        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
-    except OSError:  # it has ended, or this is not Linux
-        return False

@@ -13,6 +13,7 @@ from enum import Enum
 from typing import Any, NamedTuple, get_args, get_origin
 
 import numpy as np
+import numpy.typing as npt
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Point32, Vector3, Wrench
 from geometry_msgs.msg import Pose as PoseMsg
@@ -36,9 +37,8 @@ from pushfric_core.mechanics.limit_surface import (
     named_ellipsoid,
     surface_samples,
 )
-from pushfric_core.mechanics.prediction import FrictionModel, MotionCone, Predictions, Stability
+from pushfric_core.mechanics.prediction import FrictionModel
 from pushfric_core.mechanics.quasi_static import ContactMode
-from pushfric_core.mechanics.strokes import Strokes
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
 from pushfric_core.records import fields_of, is_record
 from pushfric_core.trajectories.observation import UNIT, Observation
@@ -58,8 +58,7 @@ from pushfric_msgs.msg import (
 from pushfric_msgs.msg import (
     Observation as ObservationMsg,
 )
-from pushfric_msgs.srv import MotionCone as MotionConeSrv
-from pushfric_msgs.srv import PredictPush, PredictStroke, StablePushes
+from pushfric_msgs.srv import PredictPush, PredictStroke
 from pushfric_ros.messages.types import message_class
 
 
@@ -197,11 +196,7 @@ def _get(msg: Any, name: str, kind: Any) -> Any:
     return there if isinstance(there, int | str) else list(there)
 
 
-MODE_TO_MSG = {
-    ContactMode.FREE: PredictPush.Response.FREE,
-    ContactMode.STICKING: PredictPush.Response.STICKING,
-    ContactMode.SLIDING: PredictPush.Response.SLIDING,
-}
+MODE_TO_MSG = {mode: getattr(PredictPush.Response, mode.name) for mode in ContactMode}
 
 MODE_NAMES = {getattr(PusherState, name): name[5:].lower() for name in dir(PusherState) if name.startswith("MODE_")}
 """The modes of a pusher, in words."""
@@ -333,93 +328,56 @@ def friction_model_from_msg(msg: FrictionModelMsg) -> tuple[FrictionModel, Outli
     return model, Outline(np.array([(corner.x, corner.y) for corner in msg.outline]))
 
 
-def pushes_from_msg(request: PredictPush.Request) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Contact points, normals and tip velocities (k, 2) each.
+REQUESTED: dict[str, tuple[int, float | None, str]] = {
+    "contact_points": (2, FARTHEST, "m"),
+    "contact_normals": (2, FARTHEST, ""),
+    "tip_velocities": (2, FASTEST, "m/s"),
+    "half_widths": (1, None, "m"),
+    "centers_of_rotation": (2, FARTHEST_TURN_CENTER, "m"),
+    "turns": (1, None, ""),
+    "starts": (3, FARTHEST, "m"),
+    "origins": (2, FARTHEST, "m"),
+    "directions": (2, FARTHEST, ""),
+    "tip_radii": (1, LARGEST, "m"),
+    "positions": (1, FARTHEST, "m"),
+}
+"""The fields of requests that have something of each push: how many numbers, at most how large, unless None, and their unit."""
+
+UNIT_VECTORS = ("contact_normals", "directions")
+
+
+def arrays_from_msg(request: Any) -> list[np.ndarray]:
+    """The fields of a request that are among REQUESTED, in its order: (k,) each, or (k, n) for n numbers of each push.
 
     Raises:
-        ValueError: their numbers differ, there are none, or a normal is not unit.
+        ValueError: their lengths k differ, there is nothing, a vector is not unit, or a number makes no sense.
     """
-    velocities = _planar(request.tip_velocities, "tip_velocities", FASTEST, "m/s")
-    parts = _planar(request.contact_points), _units("contact_normals", request.contact_normals), velocities
-    _as_many("contact_points, contact_normals and tip_velocities", *parts)
-    return parts
-
-
-def add_predictions(predictions: Predictions, response: PredictPush.Response, with_samples: bool) -> None:
-    """Add predicted motions of pushes to an answer."""
-    response.twists.extend(predictions.twists.ravel().tolist())
-    response.modes.extend(MODE_TO_MSG[mode] for mode in predictions.modes)
-    response.spreads.extend(predictions.spread.tolist())
-    response.forces.extend(predictions.forces.ravel().tolist())
-    response.covariances.extend(predictions.covariance.ravel().tolist())
-    if with_samples:
-        response.sample_twists.extend(predictions.samples.twists.ravel().tolist())
+    names = [name for name in request.get_fields_and_field_types() if name in REQUESTED]
+    arrays = [_rows(name, getattr(request, name)) for name in names]
+    counts = [len(array) for array in arrays]
+    if len(set(counts)) > 1 or not counts[0]:
+        what = f"{', '.join(names[:-1])} and {names[-1]}"
+        raise ValueError(f"{what} must have the same length, at least 1, got {', '.join(map(str, counts))}")
+    return [array if REQUESTED[name][0] > 1 else array[:, 0] for name, array in zip(names, arrays, strict=True)]
 
 
 def strokes_from_msg(request: PredictStroke.Request) -> tuple[list[Pose], list[PushingLine], np.ndarray]:
     """Poses before the strokes, the lines of the tip, and where it stops (k,) [m].
 
     Raises:
-        ValueError: their numbers differ, there are none, a direction is not unit, or a number makes no sense.
+        ValueError: as `arrays_from_msg`, or a radius is negative.
     """
-    starts = _rows("starts", request.starts, 3)
-    _within("starts", starts, FARTHEST, "m")
-    origins, directions = _planar(request.origins, "origins"), _units("directions", request.directions)
-    radii, positions = np.array(request.tip_radii, dtype=float), np.array(request.positions, dtype=float)
-    _within("positions", positions[:, None], FARTHEST, "m")
-    _within("tip_radii", radii[:, None], LARGEST, "m")
+    starts, origins, directions, radii, positions = arrays_from_msg(request)
     if not (radii >= 0).all():
         raise ValueError(f"tip_radii must be at least 0, got {radii.min():g}")
-    _as_many("starts, origins, directions, tip_radii and positions", starts, origins, directions, radii, positions)
-    lines = [
-        PushingLine(*line)
-        for line in zip(map(tuple, origins.tolist()), map(tuple, directions.tolist()), radii.tolist(), strict=True)
-    ]
-    return [Pose(*start) for start in starts.tolist()], lines, positions
+    lines = zip(map(tuple, origins.tolist()), map(tuple, directions.tolist()), radii.tolist(), strict=True)
+    return [Pose(*start) for start in starts.tolist()], [PushingLine(*line) for line in lines], positions
 
 
-def add_strokes(strokes: Strokes, response: PredictStroke.Response, with_samples: bool) -> None:
-    """Add the ends of strokes to an answer."""
-    response.ends.extend(strokes.means.ravel().tolist())
-    response.covariances.extend(strokes.covariance.ravel().tolist())
-    if with_samples:
-        response.sample_ends.extend(strokes.poses.ravel().tolist())
-
-
-def contacts_from_msg(request: MotionConeSrv.Request) -> tuple[np.ndarray, np.ndarray]:
-    """Contact points and normals (k, 2) each. Raises ValueError as `pushes_from_msg`."""
-    parts = _planar(request.contact_points), _units("contact_normals", request.contact_normals)
-    _as_many("contact_points and contact_normals", *parts)
-    return parts
-
-
-def add_cones(cones: MotionCone, response: MotionConeSrv.Response) -> None:
-    """Add motion cones to an answer."""
-    response.right.extend(cones.right.ravel().tolist())
-    response.left.extend(cones.left.ravel().tolist())
-
-
-def turns_from_msg(
-    request: StablePushes.Request,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Contact points (k, 2), normals (k, 2), half-widths (k,), centres of rotation (k, 2) and turns (k,).
-
-    Raises:
-        ValueError: their numbers differ, there are none, or a normal is not unit.
-    """
-    points, normals = _planar(request.contact_points), _units("contact_normals", request.contact_normals)
-    half_widths, turns = np.array(request.half_widths, dtype=float), np.array(request.turns, dtype=float)
-    centers = _planar(request.centers_of_rotation, "centers_of_rotation", FARTHEST_TURN_CENTER)
-    names = "contact_points, contact_normals, half_widths, centers_of_rotation and turns"
-    _as_many(names, points, normals, half_widths, centers, turns)
-    return points, normals, half_widths, centers, turns
-
-
-def add_stability(stability: Stability, response: StablePushes.Response) -> None:
-    """Add to an answer which pushes hold the object."""
-    response.stable.extend(stability.stable.tolist())
-    response.margins.extend(stability.margins.tolist())
-    response.probabilities.extend(stability.probabilities.tolist())
+def add(response: Any, **found: npt.ArrayLike) -> None:
+    """Add numbers, in arrays of any shape, to the fields of an answer that have these names."""
+    for name, values in found.items():
+        getattr(response, name).extend(np.ravel(values).tolist())
 
 
 def limit_surface_to_msg(basis: Basis, total_friction: float, model: FrictionModel) -> LimitSurface:
@@ -443,37 +401,20 @@ def limit_surface_to_msg(basis: Basis, total_friction: float, model: FrictionMod
     return msg
 
 
-def _planar(numbers: Sequence[float], what: str = "contact_points", most: float = FARTHEST, unit: str = "m") -> np.ndarray:
-    found = _rows(what, numbers, 2)
-    _within(what, found, most, unit)
-    return found
-
-
-def _rows(what: str, numbers: Sequence[float], width: int) -> np.ndarray:
+def _rows(name: str, numbers: Sequence[float]) -> np.ndarray:
+    width, most, unit = REQUESTED[name]
     if len(numbers) % width:
-        raise ValueError(f"{what} must have {width} numbers each, got {len(numbers)} in all")
-    return np.array(numbers, dtype=float).reshape(-1, width)
-
-
-def _within(what: str, rows: np.ndarray, most: float, unit: str) -> None:
-    if not (np.abs(rows) <= most).all():
+        raise ValueError(f"{name} must have {width} numbers each, got {len(numbers)} in all")
+    rows = np.array(numbers, dtype=float).reshape(-1, width)
+    if most is not None and not (np.abs(rows) <= most).all():
         for row in rows.tolist():
-            check_within(what, row, most, unit)
-
-
-def _units(what: str, numbers: Sequence[float]) -> np.ndarray:
-    found = _planar(numbers, what)
-    lengths = np.linalg.norm(found, axis=1)
-    wrong = ~(np.abs(lengths - 1) <= UNIT)
-    if wrong.any():
-        raise ValueError(f"{what} must have length 1, got {lengths[wrong][0]:g}")
-    return found
-
-
-def _as_many(names: str, *arrays: np.ndarray) -> None:
-    counts = [len(array) for array in arrays]
-    if len(set(counts)) > 1 or not counts[0]:
-        raise ValueError(f"{names} must have the same length, at least 1, got {', '.join(map(str, counts))}")
+            check_within(name, row, most, unit)
+    if name in UNIT_VECTORS:
+        lengths = np.linalg.norm(rows, axis=1)
+        wrong = ~(np.abs(lengths - 1) <= UNIT)
+        if wrong.any():
+            raise ValueError(f"{name} must have length 1, got {lengths[wrong][0]:g}")
+    return rows
 
 
 def _twist(row: Sequence[float]) -> TwistMsg:

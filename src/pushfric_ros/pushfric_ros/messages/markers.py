@@ -116,17 +116,8 @@ def _slip(state: int, contact: Array, normal: Array, size: float) -> list[Marker
 def _discs(points: Array, weights: Iterable[float], area: float, smallest: float) -> list[Marker]:
     """A flat cylinder for each support point (n, 2) whose share of the area [m^2] is at least as large as its dot."""
     diameters = np.sqrt(np.asarray(weights) * area * 4 / math.pi)
-    return [
-        _at(
-            "support_friction",
-            Marker.CYLINDER,
-            points[j],
-            Vector3(x=diameters[j], y=diameters[j], z=smallest / 2),
-            BLUE,
-            int(j),
-        )
-        for j in np.flatnonzero(diameters > smallest)
-    ]
+    shown = [(j, Vector3(x=size, y=size, z=smallest / 2)) for j, size in enumerate(diameters.tolist()) if size > smallest]
+    return [_at("support_friction", Marker.CYLINDER, points[j], size, BLUE, j) for j, size in shown]
 
 
 def _at(

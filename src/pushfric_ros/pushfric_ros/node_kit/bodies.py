@@ -14,6 +14,7 @@ from pushfric_core.plugins import SOURCES, plugin
 from pushfric_ros.adapters.body import Body, Source
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.diagnostics import Diagnostics
+from pushfric_ros.node_kit.losses import waiting
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.qos import NAMED, deepened
 
@@ -81,9 +82,7 @@ def taken(node: Node, source: Source) -> Callable[[], Iterator[Body]]:
 
 def messages(subscription: Subscription) -> Iterator[Any]:
     """All messages that wait in a subscription's queue."""
-    with subscription.handle:
-        while (found := subscription.handle.take_message(subscription.msg_type, False)) is not None:
-            yield found[0]
+    return (msg for msg, _ in waiting(subscription))
 
 
 def _wanted(source: Source) -> Iterator[tuple[str, type, QoSProfile]]:

@@ -11,9 +11,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.geometry.planar import put_prefix
-from pushfric_ros.node_kit.losses import Losses, Reception
+from pushfric_ros.node_kit.losses import Reception
 from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.node_kit.timers import wall_timer
 
@@ -54,10 +53,14 @@ class Awaited:
     Args:
         node: the node that waits.
         names: of the nodes it waits for, relative to its namespace.
+    Attributes:
+        no_pose: why there are no poses of the object, as whichever node of the cell publishes them says; empty if there are.
     """
 
     def __init__(self, node: Node, names: Iterable[str]) -> None:
-        self._names = frozenset(f"{node.get_namespace()}/{name}".replace("//", "/") for name in names if name)
+        self._prefix = f"{node.get_namespace().rstrip('/')}/"
+        self._names = frozenset(self._prefix + name for name in names if name)
+        self.no_pose = ""
         self._missing = set(self._names)
         self._at_first = True
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
@@ -73,6 +76,9 @@ class Awaited:
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         self._missing -= {status.name for status in msg.status if status.level == DiagnosticStatus.OK or not self._at_first}
+        for status in msg.status:
+            if status.name.rpartition("/")[0] + "/" == self._prefix:
+                self.no_pose = next((figure.value for figure in status.values if figure.key == NO_POSE), self.no_pose)
 
 
 class Diagnostics:
@@ -92,7 +98,7 @@ class Diagnostics:
 
     def __init__(self, node: Node, report: Callable[[], Health], frame_prefix: str = "") -> None:
         self._node, self._report, self._prefix = node, report, frame_prefix
-        self._inputs: dict[str, _Input] = {}
+        self._inputs: dict[str, Reception] = {}
         self._outputs: dict[str, _CountingPublisher] = {}
         self._counted: dict[str, int] = {}  # number of messages up to the last report
         self._counted_at = time.monotonic()
@@ -108,17 +114,8 @@ class Diagnostics:
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile, raw: bool = False
     ) -> Subscription:
         """Make a subscription of the node, as Node.create_subscription does."""
-        stamped = not raw and "header" in kind.get_fields_and_field_types()  # type: ignore[attr-defined]
-
-        def count(msg: Any) -> int:
-            passed.count += 1
-            if stamped:
-                passed.latency = (self._node.get_clock().now().nanoseconds - stamp_from_msg(msg.header.stamp)) / 1e9
-            callback(msg)
-            return 0  # the time of arrival is not used
-
-        passed = self._inputs[topic] = _Input(Reception(self._node, kind, topic, count, qos, raw))
-        return passed.reception.subscription
+        made = self._inputs[topic] = Reception(self._node, kind, topic, callback, qos, raw)
+        return made.subscription
 
     def advertise(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
         """Make a publisher of the node, as Node.create_publisher does."""
@@ -145,11 +142,10 @@ class Diagnostics:
         """The report, with a warning if messages were lost since the last one; the first loss of a topic is logged, too."""
         lost = {}
         for topic, passed in self._inputs.items():
-            if new := passed.losses.messages - passed.reported:
+            if new := passed.losses.new():
                 lost[topic] = new
-                if not passed.reported:
+                if new == passed.losses.messages:
                     self._node.get_logger().warning(f"{new} messages on {topic} did not arrive")
-                passed.reported += new
         if not lost or health.level is not Level.OK:
             return health
         where = ", ".join(f"{number} on {topic}" for topic, number in lost.items())
@@ -169,20 +165,6 @@ class Diagnostics:
             if passed.latency is not None:
                 figures[f"{topic} latency [s]"] = round(passed.latency, 4)
         return figures
-
-
-class _Input:
-    """The messages that came on a topic."""
-
-    def __init__(self, reception: Reception) -> None:
-        self.reception = reception
-        self.count = 0
-        self.reported = 0  # number of losses up to the last report
-        self.latency: float | None = None  # [s]
-
-    @property
-    def losses(self) -> Losses:
-        return self.reception.losses
 
 
 class _CountingPublisher(Publisher):

@@ -111,8 +111,7 @@ class NodeExecutor(SingleThreadedExecutor):
             except InvalidHandle:  # another thread is destroying one of them
                 self._forget()
                 return []
-        timers, subscriptions, guards, clients, _, waitables = entities
-        services = self._services
+        timers, subscriptions, guards, clients, services, waitables = entities
         if (now := time.monotonic()) >= self._events_due:
             self._events_due = now + EVENTS_PERIOD
         else:
@@ -161,8 +160,6 @@ class NodeExecutor(SingleThreadedExecutor):
             room += one.get_num_entities()
         numbers = (getattr(room, kind) for kind in room.__slots__)  # in the order that a wait set takes
         self._wait_set = rclpy_implementation.WaitSet(*numbers, self._context.handle)
-        # A waitable takes the requests of the other services.
-        self._services = [one for one in entities[4] if one.callback_group.can_execute(one)]
         self._others = [one for one in entities[-1] if not isinstance(one, EventHandler)]
         self._entities = entities
 

@@ -16,6 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from pushfric_msgs.msg import Heartbeat as HeartbeatMsg
+from pushfric_ros.node_kit.losses import waiting
 from pushfric_ros.node_kit.qos import NEWEST, NEWEST_OF_MANY
 from pushfric_ros.node_kit.timers import wall_timer
 
@@ -123,12 +124,7 @@ class Listener:
     def receive(self) -> None:
         """Take all heartbeats that have arrived, so that none that waits in the queue counts as missing."""
         now, since = time.monotonic(), self._looked
-        for _ in range(NEWEST_OF_MANY.depth):
-            with self._subscription.handle:
-                taken = self._subscription.handle.take_message(HeartbeatMsg, False)
-            if taken is None:
-                break
-            msg, info = taken
+        for msg, info in waiting(self._subscription):
             self._hear(msg, info, since)
         self._looked = now
 

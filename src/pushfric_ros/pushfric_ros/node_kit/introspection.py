@@ -22,6 +22,9 @@ from pushfric_ros.node_kit.visit import Visit
 GRAPH_PATIENCE = 120.0
 """How long the middleware may take to know all of a node of this process [s]."""
 
+UNKNOWN = "topic"
+"""The quality of a topic that rclpy does not know, such as /rosout."""
+
 ROLES = ("publishes", "subscribes", "serves", "calls")
 
 
@@ -72,8 +75,7 @@ class Introspection:
         self._namespace = namespace
         set_logger_level("", LoggingSeverity.WARN)  # nodes that are only asked have nothing to log
         with apart(), Visit(partial(Node, "plain", namespace=namespace)) as plain:
-            self._common = {*_endpoints(plain.node, namespace)}
-            self.every_node = _every_node(plain.node, namespace)
+            self.every_node = _endpoints(plain.node, namespace)
             self._common_parameters = plain.node.get_parameters_by_prefix("").keys()
 
     def ask(self, kind: type[Node], parameters: Mapping[str, Any]) -> NodeInterface:
@@ -86,8 +88,9 @@ class Introspection:
                 for name, default in node.defaults.items()
                 if name not in self._common_parameters
             ]
-            endpoints = [endpoint for endpoint in _endpoints(node, self._namespace) if endpoint not in self._common]
-            return NodeInterface(node.get_name(), endpoints, settings)
+            # what only the middleware knows of has no quality
+            own = [one for one in _endpoints(node, self._namespace) if one not in self.every_node and one.qos != UNKNOWN]
+            return NodeInterface(node.get_name(), own, settings)
 
 
 def _remembering(kind: type[Node]) -> Any:
@@ -105,42 +108,30 @@ def _remembering(kind: type[Node]) -> Any:
 
 def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
     here = node.get_name(), node.get_namespace()
-    topics = [("publishes", out.topic_name, out) for out in node.publishers]
-    topics += [("subscribes", into.topic_name, into) for into in node.subscriptions]
-    made = [Endpoint(role, name, _type_name(of.msg_type), _qos(of.qos_profile)) for role, name, of in topics]
+    topics = [("publishes", out.topic_name, out.qos_profile) for out in node.publishers]
+    topics += [("subscribes", into.topic_name, into.qos_profile) for into in node.subscriptions]
+    qualities = {(role, name): _qos(quality) for role, name, quality in topics}
+    _await_graph(node)
+    made = [
+        Endpoint(role, name, types[0], qualities.get((role, name), kind))
+        for role, kind, find in (
+            ("publishes", UNKNOWN, node.get_publisher_names_and_types_by_node),
+            ("subscribes", UNKNOWN, node.get_subscriber_names_and_types_by_node),
+            ("serves", "service", node.get_service_names_and_types_by_node),
+            ("calls", "service", node.get_client_names_and_types_by_node),
+            ("serves", "action", partial(get_action_server_names_and_types_by_node, node)),
+            ("calls", "action", partial(get_action_client_names_and_types_by_node, node)),
+        )
+        for name, types in find(*here)
+        if types[0] != TRANSFORMS and "/_action/" not in name
+    ]
     # also if tf2_msgs, and so the publisher, is missing
-    made = [endpoint for endpoint in made if endpoint.type != TRANSFORMS]
     broadcasters = [value for value in vars(node).values() if isinstance(value, TransformBroadcaster)]
     made += [Endpoint("publishes", one.topic, TRANSFORMS, _qos(one.qos)) for one in broadcasters]
-    services = [(node.resolve_service_name(service.srv_name), service.srv_type) for service in node.services]
-    made += [Endpoint("serves", name, _type_name(kind), "service") for name, kind in services]
-    calls = [(node.resolve_service_name(client.srv_name), client.srv_type) for client in node.clients]
-    made += [Endpoint("calls", name, _type_name(kind), "service") for name, kind in calls]
-    at_times = getattr(node, "AT_TIMES", {}).items()
-    made += [
-        Endpoint("subscribes", node.resolve_topic_name(name), _type_name(kind), _qos(qos)) for name, (kind, qos) in at_times
-    ]
-    _await_graph(node)
-    for role, actions in (
-        ("serves", get_action_server_names_and_types_by_node(node, *here)),
-        ("calls", get_action_client_names_and_types_by_node(node, *here)),
-    ):
-        made += [Endpoint(role, name, types[0], "action") for name, types in actions]
+    for name, (kind, quality) in getattr(node, "AT_TIMES", {}).items():
+        package, folder, *_ = kind.__module__.split(".")
+        made.append(Endpoint("subscribes", node.resolve_topic_name(name), f"{package}/{folder}/{kind.__name__}", _qos(quality)))
     return [endpoint._replace(name=_relative(endpoint.name, namespace, here[0])) for endpoint in made]
-
-
-def _every_node(plain: Node, namespace: str) -> list[Endpoint]:
-    here = plain.get_name(), plain.get_namespace()
-    found = [
-        Endpoint(role, name, types[0], kind)
-        for role, kind, pairs in (
-            ("publishes", "topic", plain.get_publisher_names_and_types_by_node(*here)),
-            ("subscribes", "topic", plain.get_subscriber_names_and_types_by_node(*here)),
-            ("serves", "service", plain.get_service_names_and_types_by_node(*here)),
-        )
-        for name, types in pairs
-    ]
-    return [endpoint._replace(name=_relative(endpoint.name, namespace, here[0])) for endpoint in found]
 
 
 def _await_graph(node: Node) -> None:
@@ -150,13 +141,14 @@ def _await_graph(node: Node) -> None:
         TimeoutError: the graph is not complete within GRAPH_PATIENCE.
     """
     here = node.get_name(), node.get_namespace()
-    subscribed = {subscription.topic_name for subscription in node.subscriptions}
-    served = {node.resolve_service_name(service.srv_name) for service in node.services}
+    known = (
+        ({out.topic_name for out in node.publishers}, node.get_publisher_names_and_types_by_node),
+        ({into.topic_name for into in node.subscriptions}, node.get_subscriber_names_and_types_by_node),
+        ({node.resolve_service_name(one.srv_name) for one in node.services}, node.get_service_names_and_types_by_node),
+        ({node.resolve_service_name(one.srv_name) for one in node.clients}, node.get_client_names_and_types_by_node),
+    )
     deadline = time.monotonic() + GRAPH_PATIENCE
-    while not (
-        subscribed <= {name for name, _ in node.get_subscriber_names_and_types_by_node(*here)}
-        and served <= {name for name, _ in node.get_service_names_and_types_by_node(*here)}
-    ):
+    while not all(names <= {name for name, _ in find(*here)} for names, find in known):
         if time.monotonic() > deadline:
             raise TimeoutError(f"{here[0]} is not in the middleware's graph within {GRAPH_PATIENCE:g} s")
         time.sleep(0.01)
@@ -166,11 +158,6 @@ def _relative(name: str, namespace: str, node: str) -> str:
     """The name without the cell's namespace, and with ~ for the node, so that nodes can be compared."""
     name = name.removeprefix(f"{namespace}/")
     return f"~/{name.removeprefix(f'{node}/')}" if name.startswith(f"{node}/") else name
-
-
-def _type_name(kind: type) -> str:
-    package, folder, *_ = kind.__module__.split(".")
-    return f"{package}/{folder}/{kind.__name__}"
 
 
 def _qos(qos: QoSProfile) -> str:

@@ -3,13 +3,15 @@
 `qos` says on which topics messages can be lost, and what follows.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.event_handler import QoSMessageLostInfo, QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+
+from pushfric_core.bags.samples import stamp_from_msg
 
 
 class Losses:
@@ -25,7 +27,7 @@ class Losses:
     def __init__(self, quality: QoSProfile) -> None:
         self._counted = quality.durability != DurabilityPolicy.TRANSIENT_LOCAL
         self.promised = quality.reliability == ReliabilityPolicy.RELIABLE
-        self._reported = 0
+        self._reported = self._told = 0
         self._missing = 0  # from the publisher's numbers
         self._last: int | None = None
         self._last_ns = 0  # when the last message came
@@ -41,6 +43,11 @@ class Losses:
     def are_faults(self) -> bool:
         """Whether messages were lost whose delivery was promised."""
         return self.promised and self.messages > 0
+
+    def new(self) -> int:
+        """Number of messages lost since this was last asked."""
+        before, self._told = self._told, self.messages
+        return self._told - before
 
     def reported(self, event: QoSMessageLostInfo) -> None:
         """Take the middleware's report; the callback for its event `message_lost`."""
@@ -65,7 +72,7 @@ class Losses:
 
 
 class Reception:
-    """A subscription whose losses are counted.
+    """A subscription whose messages and losses are counted.
 
     It asks for `quality`. If a publisher offers only best effort, it accepts that, and says so.
 
@@ -73,25 +80,28 @@ class Reception:
         node: the node.
         kind: of the messages.
         topic: their topic.
-        callback: called with each message; returns when it came, by the clock of the losses [ns].
+        callback: called with each message.
         quality: the quality of service that it asks for.
         raw: call back with the bytes of the messages.
+    Attributes:
+        count: number of messages that came.
+        latency: age of the newest one on arrival, by the node's clock [s]; None: none came, or they have no stamp.
     """
 
     def __init__(
-        self, node: Node, kind: type, topic: str, callback: Callable[[Any], int], quality: QoSProfile, raw: bool = False
+        self, node: Node, kind: type, topic: str, callback: Callable[[Any], None], quality: QoSProfile, raw: bool = False
     ) -> None:
         self._node, self._kind, self._topic, self._callback, self._raw = node, kind, topic, callback, raw
+        self._stamped = not raw and "header" in kind.get_fields_and_field_types()  # type: ignore[attr-defined]
+        self.count = 0
+        self.latency: float | None = None
         self.losses = Losses(quality)
         self._quality = quality
         self.subscription = self._subscribed()
 
     def drain(self) -> None:
         """Call back with the messages that have arrived and still wait, although the node is no longer spun."""
-        for _ in range(self._quality.depth):
-            taken = self.subscription.handle.take_message(self.subscription.msg_type, self._raw)
-            if taken is None:
-                return
+        for taken in waiting(self.subscription, self._raw):
             self._on_message(*taken)
 
     def _subscribed(self) -> Subscription:
@@ -101,8 +111,12 @@ class Reception:
         )
 
     def _on_message(self, msg: Any, info: dict[str, Any]) -> None:
-        number = info["publication_sequence_number"]
-        self.losses.count(number, self.subscription.get_publisher_count, self._callback(msg))
+        now = self._node.get_clock().now().nanoseconds
+        self.count += 1
+        if self._stamped:
+            self.latency = (now - stamp_from_msg(msg.header.stamp)) / 1e9
+        self._callback(msg)
+        self.losses.count(info["publication_sequence_number"], self.subscription.get_publisher_count, now)
 
     def _on_incompatible(self, event: QoSRequestedIncompatibleQoSInfo) -> None:
         name = self.subscription.topic_name
@@ -119,3 +133,12 @@ class Reception:
         )
         self.losses = Losses(self._quality)
         self.subscription = self._subscribed()
+
+
+def waiting(subscription: Subscription, raw: bool = False) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """The messages that wait in a subscription's queue, or their bytes, each with what the middleware says of it."""
+    with subscription.handle:
+        for _ in range(subscription.qos_profile.depth):
+            if (taken := subscription.handle.take_message(subscription.msg_type, raw)) is None:
+                return
+            yield taken

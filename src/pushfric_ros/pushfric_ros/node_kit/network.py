@@ -50,14 +50,19 @@ FREE = 48 * 2**20
 
 
 @contextlib.contextmanager
-def apart() -> Iterator[None]:
-    """Nodes of a context of rclpy that is initialized within find no nodes of other contexts, and none of these finds them."""
-    before = {name: os.environ.get(name) for name in VARIABLES}
-    _set({**dict.fromkeys(VARIABLES), RANGE: "OFF"})
+def _environment(variables: Mapping[str, str | None]) -> Iterator[None]:
+    """Within the context, the environment has these values of variables; None: it does not have the variable."""
+    before = {name: os.environ.get(name) for name in variables}
+    _set(variables)
     try:
         yield
     finally:
         _set(before)
+
+
+def apart() -> contextlib.AbstractContextManager[None]:
+    """Nodes of a context of rclpy that is initialized within find no nodes of other contexts, and none of these finds them."""
+    return _environment({**dict.fromkeys(VARIABLES), RANGE: "OFF"})
 
 
 def asked_for(discovery: Discovery) -> dict[str, str]:
@@ -85,11 +90,9 @@ def configured(images: bool = False) -> Iterator[None]:
             switched on, but the node made within the context has no keys, or the middleware no security.
     """
     domain()
-    wanted = _settings(images)
-    before = {name: os.environ.get(name) for name in wanted}
-    _set(wanted)
     try:
-        yield
+        with _environment(_settings(images)):
+            yield
     except RCLError as error:
         said = " ".join(str(error).split())[:300]
         if os.environ.get("ROS_SECURITY_ENABLE", "").lower() == "true":
@@ -97,8 +100,6 @@ def configured(images: bool = False) -> Iterator[None]:
         if said.startswith(REFUSALS):
             raise InvalidInput(f"the middleware does not start, check the environment variables ROS_...: {said}") from error
         raise
-    finally:
-        _set(before)
 
 
 def _set(variables: Mapping[str, str | None]) -> None:

@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core import settings
 from pushfric_core.errors import InvalidInput
@@ -65,6 +68,20 @@ def _default(field: Any) -> Any:
     return None if value == [] else value  # ROS cannot find the type of an empty list
 
 
+def topic_name(node: Node, parameter: str, text: str) -> str:
+    """The full name of a topic that a parameter lists, before any remapping.
+
+    Raises:
+        InvalidInput: it is no name of a topic.
+    """
+    try:
+        name: str = expand_topic_name(text, node.get_name(), node.get_namespace())
+        validate_full_topic_name(name)
+    except InvalidTopicNameException as error:
+        raise InvalidInput(f"{node.get_fully_qualified_name()}: parameter {parameter}: {text!r} is not a topic") from error
+    return name
+
+
 def overrides(values: Mapping[str, Any]) -> list[Parameter]:
     """Values of parameters, as a node's constructor takes them."""
     return [Parameter(name, value=value) for name, value in values.items()]
@@ -82,13 +99,9 @@ def _descriptor(field: Any, hint: Any) -> ParameterDescriptor:
         return descriptor
     low, high = field.metadata.get("low"), field.metadata.get("high")
     if low is not None or high is not None:
-        if hint is int:
-            span = IntegerRange(
-                from_value=int(-ENDLESS if low is None else low), to_value=int(ENDLESS if high is None else high)
-            )
-            descriptor.integer_range = [span]
-        else:
-            infinity = math.inf
-            span = FloatingPointRange(from_value=-infinity if low is None else low, to_value=infinity if high is None else high)
-            descriptor.floating_point_range = [span]
+        kind, end, name = (
+            (IntegerRange, ENDLESS, "integer_range") if hint is int else (FloatingPointRange, math.inf, "floating_point_range")
+        )
+        span = kind(from_value=hint(-end if low is None else low), to_value=hint(end if high is None else high))
+        setattr(descriptor, name, [span])
     return descriptor

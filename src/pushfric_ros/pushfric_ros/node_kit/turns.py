@@ -13,14 +13,12 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator
-from contextlib import ExitStack
+from functools import partial
 from typing import Any, NamedTuple
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.service import Service
-from rclpy.waitable import NumberOfEntities, Waitable
 
 from pushfric_core.errors import PushfricError
 from pushfric_ros.node_kit.qos import REQUESTS
@@ -49,7 +47,7 @@ Refuse = Callable[[str], Any]
 """Makes the response to a request that failed; called with the reason."""
 
 
-class Turns(Waitable):
+class Turns:
     """The services of a node that are worked on in turns.
 
     Args:
@@ -62,18 +60,14 @@ class Turns(Waitable):
     """
 
     def __init__(self, node: Node, longest: float) -> None:
-        super().__init__(node.default_callback_group)
         self._node, self._longest = node, longest
         self.answered = self.refused = self.dropped = 0
         self._offered: dict[str, tuple[Any, Begin]] = {}  # types of the services, by name
         self._begin: dict[Service, Begin] = {}
         self._own: dict[str, tuple[Service, float]] = {}  # of single clients, and when these were last there [s], by name
-        self._indices: dict[Service, int] = {}
-        self._ready: list[Service] = []
         self._calls: deque[_Call] = deque()
         self._unreached: list[tuple[float, _Call]] = []  # whose client could not be reached, and when to try again [s]
         self._more = node.create_guard_condition(self._work)
-        node.add_waitable(self)
         wall_timer(node, LOOK, self._look)
 
     @property
@@ -88,7 +82,9 @@ class Turns(Waitable):
         self._serve(kind, name, begin)
 
     def _serve(self, kind: Any, name: str, begin: Begin) -> Service:
-        service = self._node.create_service(kind, name, _taken_here, qos_profile=REQUESTS, callback_group=_TakenHere())
+        service = self._node.create_service(kind, name, lambda request, _: request, qos_profile=REQUESTS)
+        # the executor hands over the request, which the callback returns, with the header that says who asked
+        service.send_response = partial(self._receive, service)  # type: ignore[method-assign]
         self._begin[service] = begin
         return service
 
@@ -148,45 +144,26 @@ class Turns(Waitable):
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             try:
-                call.service.send_response(call.response, call.header)
+                Service.send_response(call.service, call.response, call.header)
             except rclpy_implementation.RCLError:
                 return self._node.context.ok()
         self.answered += not warned
         return bool(warned)
 
-    # What the executor asks of a waitable from here on; the services are waited for here instead of one by one.
-
-    def __enter__(self) -> None:
-        self._entered = ExitStack()
-        with self._entered as entered:
-            for service in self._begin:
-                entered.enter_context(service.handle)
-            self._entered = entered.pop_all()
-
-    def __exit__(self, *_: object) -> None:
-        self._entered.close()
-
-    def get_num_entities(self) -> NumberOfEntities:
-        return NumberOfEntities(num_services=len(self._begin))
-
-    def add_to_wait_set(self, wait_set: Any) -> None:
-        self._indices = {service: wait_set.add_service(service.handle) for service in self._begin}
-
-    def is_ready(self, wait_set: Any) -> bool:
-        self._ready = [service for service, index in self._indices.items() if wait_set.is_ready("service", index)]
-        return bool(self._ready)
-
-    def take_data(self) -> list[tuple[Service, Any, Any]]:
-        return [(service, *taken) for service in self._ready for taken in _requests(service)]
-
-    async def execute(self, taken_data: list[tuple[Service, Any, Any]]) -> None:
-        for service, request, header in taken_data:
-            waited = (time.time_ns() - header.received_timestamp) / 1e9 if header.received_timestamp else 0.0
-            allowed = min(request.deadline, self._longest) if request.deadline else self._longest
-            came = time.monotonic() - max(waited, 0.0)
-            clients = self._node.count_clients(service.service_name)
-            self._calls.append(_Call(service, header, came, allowed, clients, *self._begin[service](request)))
+    def _receive(self, service: Service, request: Any, header: Any) -> None:
+        """Take a request, and all that wait behind it."""
+        self._take(service, request, header)
+        with service.handle:
+            while (taken := service.handle.service_take_request(service.srv_type.Request))[1] is not None:
+                self._take(service, *taken)
         self._more.trigger()
+
+    def _take(self, service: Service, request: Any, header: Any) -> None:
+        waited = (time.time_ns() - header.received_timestamp) / 1e9 if header.received_timestamp else 0.0
+        allowed = min(request.deadline, self._longest) if request.deadline else self._longest
+        came = time.monotonic() - max(waited, 0.0)
+        clients = self._node.count_clients(service.service_name)
+        self._calls.append(_Call(service, header, came, allowed, clients, *self._begin[service](request)))
 
 
 class _Call(NamedTuple):
@@ -200,29 +177,3 @@ class _Call(NamedTuple):
     answer: Answer
     refuse: Refuse
     response: Any = None  # that could not be sent yet
-
-
-class _TakenHere(CallbackGroup):
-    """Keeps the executor from taking requests itself."""
-
-    def can_execute(self, entity: Any) -> bool:
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing: no execution begins."""
-
-
-def _taken_here(*_: Any) -> None:
-    raise RuntimeError("the executor has taken a request that is not its own to take")
-
-
-def _requests(service: Service) -> list[tuple[Any, Any]]:
-    """All requests that have come, with their headers."""
-    found = []
-    with service.handle:
-        while (taken := service.handle.service_take_request(service.srv_type.Request))[1] is not None:
-            found.append(taken)
-    return found

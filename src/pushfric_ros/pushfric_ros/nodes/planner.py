@@ -22,17 +22,13 @@ from pushfric_msgs.msg import Basis, LimitSurface
 from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
 from pushfric_ros.messages.conversions import (
+    MODE_TO_MSG,
     MODEL_TOPIC,
-    add_cones,
-    add_predictions,
-    add_stability,
-    add_strokes,
-    contacts_from_msg,
+    add,
+    arrays_from_msg,
     friction_model_from_msg,
     limit_surface_to_msg,
-    pushes_from_msg,
     strokes_from_msg,
-    turns_from_msg,
 )
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.parameters import declare
@@ -95,14 +91,18 @@ class Answers:
     def predict_push(self, request: PredictPush.Request) -> Generator[None, None, PredictPush.Response]:
         model, outline = self._asked(request.mean_only)
         self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
-        pushes = pushes_from_msg(request)
+        pushes = arrays_from_msg(request)
         response = PredictPush.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(pushes[0]), model):
             if rows.start:
                 yield
             points, normals, velocities = (array[rows] for array in pushes)
             check_planned_contacts(outline, points, normals, rows.start)
-            add_predictions(predict(model, points, normals, velocities), response, request.with_samples)
+            found = predict(model, points, normals, velocities)
+            add(response, twists=found.twists, modes=[MODE_TO_MSG[mode] for mode in found.modes], spreads=found.spread)
+            add(response, forces=found.forces, covariances=found.covariance)
+            if request.with_samples:
+                add(response, sample_twists=found.samples.twists)
         if request.with_samples:
             response.weights = model.share
         return response
@@ -116,7 +116,9 @@ class Answers:
         response = PredictStroke.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(starts), model):
             found = yield from stroke_steps(model, outline, starts[rows], lines[rows], positions[rows], request.step or STEP)
-            add_strokes(found, response, request.with_samples)
+            add(response, ends=found.means, covariances=found.covariance)
+            if request.with_samples:
+                add(response, sample_ends=found.poses)
         if request.with_samples:
             response.weights = model.share
         return response
@@ -124,19 +126,19 @@ class Answers:
     def motion_cone(self, request: MotionCone.Request) -> Generator[None, None, MotionCone.Response]:
         model, outline = self._asked()
         self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
-        points, normals = contacts_from_msg(request)
+        points, normals = arrays_from_msg(request)
         response = MotionCone.Response(success=True, basis=self._known.basis)
         for rows in _slices(len(points), model):
             if rows.start:
                 yield
             check_planned_contacts(outline, points[rows], normals[rows], rows.start)
-            add_cones(motion_cone(model, points[rows], normals[rows]), response)
+            add(response, **motion_cone(model, points[rows], normals[rows])._asdict())
         return response
 
     def stable_pushes(self, request: StablePushes.Request) -> Generator[None, None, StablePushes.Response]:
         model, outline = self._asked()
         self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
-        turns = turns_from_msg(request)
+        turns = arrays_from_msg(request)
         for half_width in np.unique(turns[2]).tolist():
             check_half_width(outline, half_width)
         response = StablePushes.Response(success=True, basis=self._known.basis)
@@ -145,7 +147,7 @@ class Answers:
                 yield
             points, normals, *rest = (array[rows] for array in turns)
             check_planned_contacts(outline, points, normals, rows.start)
-            add_stability(stability(model, points, normals, *rest), response)
+            add(response, **stability(model, points, normals, *rest)._asdict())
         return response
 
     def limit_surface(self, _: GetLimitSurface.Request) -> Generator[None, None, GetLimitSurface.Response]:

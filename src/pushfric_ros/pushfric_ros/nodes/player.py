@@ -5,13 +5,10 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
-from rclpy.validate_full_topic_name import validate_full_topic_name
 from rosgraph_msgs.msg import Clock as ClockMsg
 from std_srvs.srv import SetBool
 
@@ -22,7 +19,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.wording import counted
 from pushfric_ros.messages.types import recorded_class
 from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics, Health, Level
-from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.parameters import declare, topic_name
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE
 
@@ -89,16 +86,11 @@ class PlayerNode(Node):
 
     def _names(self, parameter: str, texts: tuple[str, ...], known: Collection[str]) -> list[str]:
         """Full names of the topics that a parameter lists."""
-        where = f"{self.get_fully_qualified_name()}: parameter {parameter}"
         names = []
         for text in filter(None, texts):
-            try:
-                # not remapped, because remapping applies to the published topics, not to the bag
-                name = expand_topic_name(text, self.get_name(), self.get_namespace())
-                validate_full_topic_name(name)
-            except InvalidTopicNameException as error:
-                raise InvalidInput(f"{where}: {text!r} is not a topic") from error
-            if name not in known:
+            # not remapped, because remapping applies to the published topics, not to the bag
+            if (name := topic_name(self, parameter, text)) not in known:
+                where = f"{self.get_fully_qualified_name()}: parameter {parameter}"
                 raise InvalidInput(f"{where}: {name} is not played from {self._config.bag}, expected one of {', '.join(known)}")
             names.append(name)
         return names

@@ -8,11 +8,8 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from rclpy.exceptions import InvalidTopicNameException
-from rclpy.expand_topic_name import expand_topic_name
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.cell.node_settings import KnownTopic, RecorderConfig, RecordingConfig
@@ -22,7 +19,7 @@ from pushfric_core.wording import counted
 from pushfric_ros.messages.types import definition, message_class, type_hash
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.losses import Losses, Reception
-from pushfric_ros.node_kit.parameters import declare
+from pushfric_ros.node_kit.parameters import declare, topic_name
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import NAMED, RELIABLE, deepened
 from pushfric_ros.node_kit.timers import wall_timer
@@ -65,7 +62,6 @@ class RecorderNode(Node):
         self._bytes = 0
         self._reported = (time.monotonic(), 0)  # (time of the last diagnostics [s], messages until then)
         self._receptions: dict[str, Reception] = {}  # by topic
-        self._reported_lost: dict[str, int] = {}
         self._waiting: list[tuple[str, bytes]] = []  # messages that wait for the first /clock
         self._refused: set[str] = set()
         for topic in known:
@@ -106,13 +102,11 @@ class RecorderNode(Node):
         start = self._bag.start_ns
         if losses.first_ns is None or start is None:
             return ""
-        return f" (from {(losses.first_ns - start) * 1e-9:.3f} s to {(losses.until_ns - start) * 1e-9:.3f} s)"
+        begin, end = (max(at - start, 0) * 1e-9 for at in (losses.first_ns, losses.until_ns))
+        return f" (from {begin:.3f} s to {end:.3f} s)"
 
     def _resolved(self, topic: KnownTopic) -> KnownTopic:
-        try:
-            validate_full_topic_name(expand_topic_name(topic.name, self.get_name(), self.get_namespace()))
-        except InvalidTopicNameException as error:
-            raise InvalidInput(f"{self.get_fully_qualified_name()}: parameter topics: {topic.name!r} is not a topic") from error
+        topic_name(self, "topics", topic.name)  # refuses what is none
         return topic._replace(name=self.resolve_topic_name(topic.name))
 
     def _record(
@@ -124,8 +118,7 @@ class RecorderNode(Node):
         kind, record = message_class(type_name), partial(self._on_message, name)
         self._receptions[name] = Reception(self, kind, name, record, deep, raw=True)
 
-    def _on_message(self, name: str, raw: bytes) -> int:
-        """Record a message; return its log time [ns], or 0 while it waits for the first /clock."""
+    def _on_message(self, name: str, raw: bytes) -> None:
         self._bytes += len(raw)
         now = self.get_clock().now().nanoseconds
         if now == 0:
@@ -133,7 +126,6 @@ class RecorderNode(Node):
         else:
             self._write_waiting(now)
             self._bag.write(name, now, raw)
-        return now
 
     def _write_waiting(self, stamp_ns: int) -> None:
         waiting, self._waiting = self._waiting, []
@@ -164,13 +156,11 @@ class RecorderNode(Node):
     def _health(self) -> Health:
         count = self._bag.message_count + len(self._waiting)
         # a loss is warned of once and stays in the count, because what is recorded after it is complete again
-        before_lost = self._reported_lost
-        self._reported_lost = {name: received.losses.messages for name, received in self._receptions.items()}
-        lost = {name: total - before_lost.get(name, 0) for name, total in self._reported_lost.items()}
+        lost = {name: received.losses.new() for name, received in self._receptions.items()}
         values: dict[str, Any] = {
             "messages": count,
             "bytes": self._bytes,
-            "lost": sum(self._reported_lost.values()),
+            "lost": sum(received.losses.messages for received in self._receptions.values()),
             "topics": len(self._bag.topics),
         }
         (then, before), self._reported = self._reported, (time.monotonic(), count)

@@ -131,9 +131,7 @@ def findings(checks: list[Check]) -> dict[str, Any]:
 
 @app.command()
 def doctor(
-    cell: Annotated[
-        pathlib.Path | None, typer.Argument(help="Cell YAML; without one, only this machine is checked.", show_default=False)
-    ] = None,
+    cell: Annotated[pathlib.Path | None, typer.Argument(help="Cell YAML; without one, only this machine is checked.")] = None,
     json: JsonOption = None,
 ) -> None:
     """Exit code 0: nothing failed; 1: a check failed; 2: wrong input, such as a cell file that cannot be read or is invalid."""

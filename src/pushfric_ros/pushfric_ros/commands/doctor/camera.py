@@ -2,30 +2,25 @@
 
 import itertools
 import math
-import threading
 import time
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig
+from pushfric_core.commands.frames import frames_from
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel
 from pushfric_core.files.plan_file import load_plan
 from pushfric_core.pushers.pusher import Check, Grade, PusherConfig
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.edge_fit import MIN_CONTRAST, SATURATED
-from pushfric_core.vision.frame_source import TOPICS, Device
-from pushfric_core.vision.image_messages import image_from_msg
+from pushfric_core.vision.frame_source import TOPICS, Frame
 from pushfric_core.vision.sighting import NotSeen, Tracker
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_core.wording import counted
 from pushfric_ros.node_kit import network
-from pushfric_ros.node_kit.losses import Losses
-from pushfric_ros.node_kit.visit import visit
-from pushfric_ros.nodes.tracker import IMAGE_QUEUE, MESSAGES
 
 FRAME_TIMEOUT = 5.0
 """How long to wait for the first frame [s]."""
@@ -47,18 +42,10 @@ EARLY, SLOW, STALE = 0.005, 0.2, 0.5
 From the second time on, they may have such stamps, or the driver is slow."""
 
 
-class ReceivedFrame(NamedTuple):
-    """A frame of the camera as it arrived."""
-
-    stamp: int  # [ns]
-    arrival: int  # [ns]
-    image: Image
-
-
 class Watched(NamedTuple):
     """The frames that came from a camera, and those that did not."""
 
-    frames: list[ReceivedFrame]  # the first ones; empty if none came in time
+    frames: list[Frame]  # the first ones; empty if none came in time
     lost: int = 0  # images of a topic that were published meanwhile and did not arrive
     publishers: int = 0  # of the topic
 
@@ -73,56 +60,14 @@ def watch(entry: CameraConfig, namespace: str, size: tuple[int, int] | None) -> 
     Raises:
         InvalidInput: there is no such device, or the topic carries no pictures.
     """
-    if entry.source in TOPICS:
-        return _watch_topic(entry.source, namespace)
-    arrived = threading.Event()
-    device = Device(entry.source, size, time.time_ns, arrived.set)
-    frames: list[ReceivedFrame] = []
-    deadline = time.monotonic() + FRAME_TIMEOUT
-    device.start()
-    try:
-        while len(frames) < FRAMES and time.monotonic() < deadline and (device.is_alive() or device.frames):
-            arrived.wait(0.1)
-            arrived.clear()
-            while device.frames:
-                if not frames:
-                    deadline = time.monotonic() + WATCHED
-                stamp, image = device.frames.popleft()
-                frames.append(ReceivedFrame(stamp, time.time_ns(), image))
-    finally:
-        device.close()
-    return Watched(frames)
-
-
-def _watch_topic(source: str, namespace: str) -> Watched:
-    frames: list[ReceivedFrame] = []
-    problems: list[str] = []
-    losses = Losses(IMAGE_QUEUE)
-
-    def take(msg: Any, info: Any) -> None:
-        arrival = time.time_ns()
-        losses.count(info.get("publication_sequence_number"), publishers)
-        try:
-            image = image_from_msg(msg)
-        except ValueError as error:
-            problems.append(str(error))
-            return
-        frames.append(ReceivedFrame(stamp_from_msg(msg.header.stamp), arrival, image))
-
-    def publishers() -> int:
-        return subscription.get_publisher_count()
-
-    with visit("doctor", namespace, images=True) as here:
-        subscription = here.node.create_subscription(MESSAGES[source], TOPICS[source], take, IMAGE_QUEUE)
+    found: list[Frame] = []
+    with frames_from(entry.source, namespace, size) as source:
         deadline = time.monotonic() + FRAME_TIMEOUT
-        while len(frames) < FRAMES and not problems and time.monotonic() < deadline:
-            here.spin_once(0.1)
-            if len(frames) == 1:
-                deadline = min(deadline, time.monotonic() + WATCHED)
-        watched = Watched(frames, losses.messages, publishers())
-    if problems:
-        raise InvalidInput(f"{TOPICS[source]}: {problems[0]}")
-    return watched
+        while len(found) < FRAMES and source.wait(deadline - time.monotonic()):
+            if not found:
+                deadline = time.monotonic() + WATCHED
+            found.append(source.waiting.popleft())
+    return Watched(found, source.lost, source.publishers)
 
 
 def check_camera(watched: Watched, source: str) -> Check:
@@ -173,7 +118,7 @@ def check_exposure(image: Image) -> Check:
     return Check("exposure", Grade.OK, finding)
 
 
-def check_stamps(frames: list[ReceivedFrame]) -> Check:
+def check_stamps(frames: list[Frame]) -> Check:
     """Whether the stamps of the frames agree with this machine's clock."""
     ages = [(frame.arrival - frame.stamp) / 1e9 for frame in frames]
     finding = f"{np.median(ages):.3f} s old on arrival"

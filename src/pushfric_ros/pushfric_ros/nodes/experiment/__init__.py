@@ -195,7 +195,7 @@ class ExperimentNode(Node):
         def misplaced() -> str | None:
             if operator.choice is not None or self._pusher.hindrance() is not None:
                 return None
-            fault = self._object.misplaced(wanted, self._others.no_pose)
+            fault = self._object.misplaced(wanted, self._others.awaited.no_pose)
             progress.in_place = fault in (None, LET_LIE)
             return fault
 

@@ -2,8 +2,8 @@
 
 import time
 from collections import defaultdict
+from functools import partial
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -13,7 +13,7 @@ from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.wording import counted
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, Observation
 from pushfric_msgs.srv import SelectPush
-from pushfric_ros.node_kit.diagnostics import NO_POSE, Awaited, Diagnostics
+from pushfric_ros.node_kit.diagnostics import Awaited, Diagnostics
 from pushfric_ros.node_kit.heartbeat import Listener
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
@@ -49,8 +49,8 @@ class EstimatorAccount:
         self._answer: Future | None = None  # on the first unwanted push
         self._asked = 0.0  # when it was asked for that [s of wall time]
         if chooses:
-            topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", self._on_region, LATCHED)
-            topics.subscribe(ContactFriction, "contact_friction", self._on_contact_friction, LATCHED)
+            topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", partial(setattr, self, "_region"), LATCHED)
+            topics.subscribe(ContactFriction, "contact_friction", partial(setattr, self, "_mu_c"), LATCHED)
         # not a topic without which the node is unwell
         self._progress = node.create_subscription(EstimatorProgress, "estimator_progress", self._on_progress, LATCHED)
         node.create_subscription(Observation, "observation", self._on_observation, RELIABLE)
@@ -115,12 +115,6 @@ class EstimatorAccount:
         self._observed[msg.push_id].add(stamp)
         self._heard = max(self._heard, stamp)
 
-    def _on_region(self, msg: CenterOfFrictionRegion) -> None:
-        self._region = msg
-
-    def _on_contact_friction(self, msg: ContactFriction) -> None:
-        self._mu_c = msg
-
 
 class Others:
     """Whether the other nodes receive what a push shows, by clocks that agree, and are of this cell.
@@ -132,7 +126,6 @@ class Others:
         plan: full name of the topic that a cell has one publisher of.
     Attributes:
         awaited: the nodes that must report that they are well.
-        no_pose: why there are no poses of the object, as whichever node publishes them says; empty if there are.
     """
 
     def __init__(self, node: Node, config: PlanConfig, lifeless: float, plan: str) -> None:
@@ -140,8 +133,6 @@ class Others:
         self.awaited, self._life = Awaited(node, config.awaits), Listener(node)
         # by the source of stamps: how far they are ahead of this node's time [s], and the remedy
         self._offsets: dict[str, tuple[float, str]] = {}
-        self.no_pose = ""
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE)
 
     def compare_clock(self, whose: str, stamp: int, remedy: str) -> None:
         """Note the stamp [ns] of a message that has just come."""
@@ -173,8 +164,3 @@ class Others:
         return (
             f"another cell named {self._node.get_namespace()} is running on this ROS domain: end it, or rename one of the two"
         )
-
-    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        for status in msg.status:
-            if (status.name.rpartition("/")[0] or "/") == self._node.get_namespace():
-                self.no_pose = next((figure.value for figure in status.values if figure.key == NO_POSE), self.no_pose)
