@@ -84,7 +84,8 @@ def test_a_node_that_has_only_shared_memory_may_hear_it(nobody):
 
 def test_who_presses_it_may_be_gone(answering):
     """The answer goes nowhere, and the next one is answered."""
-    program = "import pushfric_ros.node_kit.stop_button as s; s.ANSWER_TIMEOUT = 1e-9; s.press('/cell')"
+    begin = "import contextlib, pushfric_ros.node_kit.stop_button as s; s.ANSWER_TIMEOUT = 1e-9"
+    program = f"{begin}\nwith contextlib.suppress(s.Unheard): s.press('/cell')"  # the answer may be late for that
     subprocess.run([sys.executable, "-c", program], check=True)
     assert press("/cell") == "stopped"
 
