@@ -1,6 +1,6 @@
 """Strokes of the exported models in MuJoCo, compared with predictions."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import mujoco
 import numpy as np
@@ -58,6 +58,14 @@ def pushed(scene: str, pose: Pose, line: PushingLine, begin: float, end: float) 
     return np.array([data.joint(joint).qpos[0] for joint in ("x", "y", "theta")])
 
 
+def distances(scene: str, model: FrictionModel, outline: Outline, chosen: Sequence[Line]) -> tuple[Array, Array]:
+    """How far MuJoCo and the prediction end from each other in each stroke [m], [rad]."""
+    poses, lines, _, ends = zip(*chosen, strict=True)
+    predicted = predict_strokes(model, outline, poses, lines, ends).means
+    x, y, turned = (np.array([pushed(scene, *one) for one in chosen]) - predicted).T
+    return np.hypot(x, y), np.abs(turned)
+
+
 def measure(progress: Callable[[str], None]) -> Figures:
     """Strokes of all objects of Table 1 with their true friction, in MuJoCo, against `predict_strokes`.
 
@@ -71,11 +79,9 @@ def measure(progress: Callable[[str], None]) -> Figures:
         model = FrictionModel.of(known.support, known.mu_c)
         (scene,) = export(model, known.outline, "mjcf", pusher_radius=TIP_RADIUS).values()
         chosen = strokes(known.outline, TIP_RADIUS, np.random.default_rng(number), STROKES, STROKE)
-        poses, lines, _, ends = zip(*chosen, strict=True)
-        predicted = predict_strokes(model, known.outline, poses, lines, ends).means
-        x, y, turned = (np.array([pushed(scene, *one) for one in chosen]) - predicted).T
+        apart, turned = distances(scene, model, known.outline, chosen)
         found = {"object": name}
-        for unit, values in (("mm", 1e3 * np.hypot(x, y)), ("deg", np.degrees(np.abs(turned)))):
+        for unit, values in (("mm", 1e3 * apart), ("deg", np.degrees(turned))):
             found[f"median_{unit}"], found[f"p90_{unit}"] = np.percentile(values, (50, 90)).tolist()
         rows.append(found)
     return {"strokes": rows}

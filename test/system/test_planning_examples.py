@@ -7,9 +7,9 @@ import sys
 
 import push_to_pose
 import pytest
+from rclpy.node import Node
 
 from pushfric_ros.node_kit.parameters import overrides
-from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 
@@ -54,16 +54,16 @@ def test_the_planner_brings_the_object_nearer(asking, ros, monkeypatch, tmp_path
 
 @pytest.fixture
 def asking(ros):
-    """A function that makes a node that visits a cell."""
+    """A function that makes a node that others do not spin."""
     nodes = []
 
     def made(namespace):
-        nodes.append(visit("push_to_pose", namespace))
+        nodes.append(Node("push_to_pose", namespace=namespace))
         return nodes[-1]
 
     yield made
     for node in nodes:
-        node.close()
+        node.destroy_node()
 
 
 def test_a_node_that_is_missing_is_named(asking, ros, monkeypatch):
