@@ -10,7 +10,6 @@ from scipy.io import savemat
 from bench.public import mitpush
 
 OUTLINE = mitpush.outline_of("rect1", pathlib.Path())
-BUTTER = b"if strcmp(id, 'butter')\n  shape = [-0.04, 0.04; ... % begins here\n 0.04, 0.04; 0.03, -0.04; -0.03 -0.04];\nend\n"
 
 
 def strokes_file() -> bytes:

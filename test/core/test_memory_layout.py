@@ -141,7 +141,6 @@ def half_planes(normal):
 
 STARTS = {"starts": 0.3 * NORMALS, "directions": -NORMALS, "radii": HALVES}
 CONTACT = {"contact_points": CONTACTS, "contact_normals": NORMALS}
-FRICTION = {"support_points": POINTS, "weights": W, "mu_c": MU_C}
 
 ROWS = {
     "ConstraintRows": (own_rows, {"a": RNG.normal(size=(3, N))}),
