@@ -356,8 +356,8 @@ def make_venv(command: str) -> list[pathlib.Path]:
     """
     folder = VENV.resolve().parent
     extras = [ROOT / name / "requirements.txt" for name in EXTRAS]
-    wanted = [file for file in extras if file.parent.name == command or stamp(folder, file).exists()]
-    wanted.insert(0, ROOT / DISTROS[DISTRO])
+    extras = [file for file in extras if file.parent.name == command or stamp(folder, file).exists()]
+    wanted = [ROOT / DISTROS[DISTRO], *extras]
     lacking = [file for file in wanted if not stamp(folder, file).exists()]
     changed = [file for file in wanted if file not in lacking and stamp(folder, file).read_text() != state(file)]
     starts = own_python_starts()

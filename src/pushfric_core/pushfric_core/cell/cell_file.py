@@ -143,10 +143,23 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
     with blaming("camera", error=ValueError):
         tracker = chosen_tracker(trackers) if trackers else None
-    parts = {"model": model, "recorder": recorder, "images": images, "frames": frames, **dataclasses.asdict(named)}
-    parts |= {name: made[name][0] for name in ("plan", "view", "planner", "simulation")}
-    parts |= {name: made[name] for name in INSTEAD}
-    return CellFile(pushed.object, camera, tracker, pusher, driver, estimator=EstimatorSettings.of(*estimator), **parts)
+    return CellFile(
+        pushed.object,
+        camera,
+        tracker,
+        pusher,
+        driver,
+        estimator=EstimatorSettings.of(*estimator),
+        model=model,
+        recorder=recorder,
+        images=images,
+        frames=frames,
+        namespace=named.namespace,
+        discovery=named.discovery,
+        poses=made["poses"],
+        tip=made["tip"],
+        **{name: made[name][0] for name in ("plan", "view", "planner", "simulation")},
+    )
 
 
 def _mapping(name: str, content: Any) -> dict[Any, Any]:

@@ -227,8 +227,10 @@ class Estimator:
         self.support_points = check_points(support_points)
         self.outline = outline
         self.config = config = config or EstimatorConfig()
-        wholly, partly = config.cor_radius or 0.0, config.cor_radius
-        self._free = free or FreeRadii(wholly, COR_SHARE * rms_arm(self.support_points) if partly is None else partly)
+        if free is None:
+            own = config.cor_radius
+            free = FreeRadii(0.0, COR_SHARE * rms_arm(self.support_points)) if own is None else FreeRadii(own, own)
+        self._free = free
         self._columns = len(self.support_points) + config.with_scale
         self._center: Array | None = None
         if center_of_friction is not None:

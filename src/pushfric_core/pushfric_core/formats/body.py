@@ -147,12 +147,18 @@ def load_of(mass: float | None, table_friction: float | None, gravity: float, to
             raise ValueError(f"{name} must be positive and finite, got {value:g}")
     if mass and table_friction and total_friction:
         raise ValueError(f"expected mass or table_friction, not both: the total friction is measured, {total_friction:g} N")
-    known = {"table friction": table_friction or (mass and total_friction), "mass": mass or total_friction}
-    if table_friction is None:
-        table_friction = total_friction / (mass * gravity) if mass and total_friction else TABLE_FRICTION
-    if mass is None:
-        mass = total_friction / (table_friction * gravity) if total_friction else MASS
-    return Load(mass, table_friction, gravity, tuple(name for name, value in known.items() if not value))
+    assumed = []
+    if table_friction is None and mass and total_friction:
+        table_friction = total_friction / (mass * gravity)
+    elif table_friction is None:
+        table_friction = TABLE_FRICTION
+        assumed.append("table friction")
+    if mass is None and total_friction:
+        mass = total_friction / (table_friction * gravity)
+    elif mass is None:
+        mass = MASS
+        assumed.append("mass")
+    return Load(mass, table_friction, gravity, tuple(assumed))
 
 
 @dataclass(frozen=True)

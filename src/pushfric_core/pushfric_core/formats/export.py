@@ -33,7 +33,10 @@ def json(body: ExportedBody) -> dict[str, str]:
         "support_points": friction.support_points.tolist(),
         "w": friction.support.weights.tolist(),
         "center_of_friction": friction.center_of_friction.tolist(),
-        **{name: getattr(friction, name) for name in ("misfit", "sliding_misfit", "stroke_misfit", "samples")},
+        "misfit": friction.misfit,
+        "sliding_misfit": friction.sliding_misfit,
+        "stroke_misfit": friction.stroke_misfit,
+        "samples": friction.samples,
         "feet": {
             "points": feet.support.points.tolist(),
             "w": feet.support.weights.tolist(),

@@ -71,11 +71,13 @@ def rehearsal(
 
     Exit code 1: a fault did not end as it must.
     """
-    kind, prefix = GrblStage if driver == "grbl" else Stage, "--"
-    own = {"port": port, "baud": baud, "axis": axis, "silence": silence}
+    kind, prefix = (GrblStage, "--") if driver == "grbl" else (Stage, "--set: ")
     try:
         chosen = plugin(PUSHERS, driver)
-        prefix = "--" if kind is GrblStage else "--set: "
+    except ValueError as error:
+        raise InvalidInput(f"--{error}") from error
+    own = {"port": port, "baud": baud, "axis": axis, "silence": silence}
+    try:
         (chosen,) = read(own if kind is GrblStage else _assigned(settings or []), chosen)
     except ValueError as error:
         raise InvalidInput(f"{prefix}{error}") from error

@@ -85,6 +85,7 @@ class Reception:
         raw: call back with the bytes of the messages.
     Attributes:
         count: number of messages that came.
+        came: when the newest one did, by the node's clock [ns].
         latency: age of the newest one on arrival, by the node's clock [s]; None: none came, or they have no stamp.
     """
 
@@ -93,7 +94,7 @@ class Reception:
     ) -> None:
         self._node, self._kind, self._topic, self._callback, self._raw = node, kind, topic, callback, raw
         self._stamped = not raw and "header" in kind.get_fields_and_field_types()  # type: ignore[attr-defined]
-        self.count = 0
+        self.count = self.came = 0
         self.latency: float | None = None
         self.losses = Losses(quality)
         self._quality = quality
@@ -111,7 +112,7 @@ class Reception:
         )
 
     def _on_message(self, msg: Any, info: dict[str, Any]) -> None:
-        now = self._node.get_clock().now().nanoseconds
+        now = self.came = self._node.get_clock().now().nanoseconds
         self.count += 1
         if self._stamped:
             self.latency = (now - stamp_from_msg(msg.header.stamp)) / 1e9

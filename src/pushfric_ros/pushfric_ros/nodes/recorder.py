@@ -79,8 +79,7 @@ class RecorderNode(Node):
             InvalidInput: the bag could not be finished, for example because the disk is full.
             MessagesLost: the bag is whole, but some messages published on a reliable topic never reached it.
         """
-        receptions, self._receptions = self._receptions, {}
-        now = self.get_clock().now().nanoseconds
+        receptions, now = self._receptions, self.get_clock().now().nanoseconds
         try:
             if self._bag.closed:  # for a reason that was reported
                 return
@@ -89,6 +88,7 @@ class RecorderNode(Node):
             self._write_waiting(now)
             self._bag.close()
         finally:  # the bag is finished before the middleware, which may hang at its end
+            self._receptions = {}
             super().destroy_node()
         lost = {name: received.losses for name, received in receptions.items() if received.losses.messages}
         if lost:
@@ -102,8 +102,7 @@ class RecorderNode(Node):
         start = self._bag.start_ns
         if losses.first_ns is None or start is None:
             return ""
-        begin, end = (max(at - start, 0) * 1e-9 for at in (losses.first_ns, losses.until_ns))
-        return f" (from {begin:.3f} s to {end:.3f} s)"
+        return f" (from {(losses.first_ns - start) * 1e-9:.3f} s to {(losses.until_ns - start) * 1e-9:.3f} s)"
 
     def _resolved(self, topic: KnownTopic) -> KnownTopic:
         topic_name(self, "topics", topic.name)  # refuses what is none
@@ -120,7 +119,7 @@ class RecorderNode(Node):
 
     def _on_message(self, name: str, raw: bytes) -> None:
         self._bytes += len(raw)
-        now = self.get_clock().now().nanoseconds
+        now = self._receptions[name].came
         if now == 0:
             self._waiting.append((name, raw))
         else:
