@@ -2,6 +2,7 @@
 
 import json
 import os
+import pathlib
 import shutil
 import subprocess
 import sys
@@ -120,6 +121,28 @@ sys.exit(None if client.wait_for_service(timeout_sec=100) else "nobody serves")
         served()
         _, said = process.communicate(timeout=200)
     assert process.returncode == 0, said
+
+
+def test_a_burst_of_messages_finds_room(unset):
+    """200 requests of 100 pushes each are 1 MB at once. What finds a full buffer is lost, and sent again only after 3 s."""
+    program = """
+import contextlib, os, socket
+import rclpy
+from pushfric_ros.node_kit.network import configured
+with configured():
+    rclpy.init()
+    node = rclpy.create_node("busy")
+most = 0
+for file in os.listdir("/proc/self/fd"):
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(file))) as found:
+        if found.type == socket.SOCK_DGRAM:
+            most = max(most, found.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF))
+print(most, flush=True)
+os._exit(0)
+"""
+    most = subprocess.run([sys.executable, "-c", program], timeout=100, capture_output=True, check=True).stdout
+    allowed = int(pathlib.Path("/proc/sys/net/core/rmem_max").read_text())
+    assert int(most) >= min(4 * 2**20, allowed)
 
 
 APART = ["unshare", "--map-root-user", "--mount", "sh", "-c", 'mount -t tmpfs tmpfs /dev/shm && exec "$@"', "sh"]

@@ -11,6 +11,9 @@ machine may be taken for dead and its port replaced, by any process that starts 
 without an error (eProsima/Fast-DDS#6117, #5737). Images are too large for the buffers of sockets. They are passed through a
 segment of the sender's shared memory. Fast DDS's own half MiB is too small for one 640 x 480 colour image, so at camera rate
 most of such images are lost without an error; here, it has more. A camera driver can use `fastdds_images.xml`, too.
+
+Sockets have buffers of 4 MiB, or as much as the kernel allows (net.core.rmem_max): the usual 208 KiB overflow where 50 planners
+ask at once, and Fast DDS sends a lost request again only after 3 s.
 """
 
 import contextlib
