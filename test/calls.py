@@ -35,7 +35,15 @@ def figures(*arguments: object) -> Any:
 def pushfric(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
     """A call in a process of its own, until it ends."""
     given = {"capture_output": True, "text": True, "timeout": 500, "stdin": subprocess.DEVNULL} | options
-    return subprocess.run([*PROGRAM, *map(str, arguments)], check=False, **given)
+    try:
+        return subprocess.run([*PROGRAM, *map(str, arguments)], check=False, **given)
+    except subprocess.TimeoutExpired as error:  # what it said tells why, for example that it waits for a person
+        raise AssertionError((error.stderr or b"").decode()) from error
+
+
+def check_real_time_run(run: subprocess.CompletedProcess[str]) -> None:
+    """It ended well; or the camera paused, as on a busy machine, and the run says so."""
+    assert run.returncode == ("\nerror: no pose came for" in run.stderr), run.stderr
 
 
 def but_the_middleware(said: str) -> str:

@@ -7,6 +7,7 @@ import sys
 
 import pytest
 import yaml
+from calls import check_real_time_run, pushfric
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 PATIENT = {"silence": 30.0, "owner_timeout": 60.0, "requires_timeout": 60.0}  # for a busy machine [s]
@@ -34,16 +35,8 @@ def test_an_arm_finds_the_centre_of_friction(driver, pushes, tmp_path):
     finally:
         arm.terminate()
         assert arm.wait(60) == 0, (tmp_path / "log").read_text()
-    assert run.returncode == 0, run.stderr
+    check_real_time_run(run)
     estimate = json.loads(pushfric("estimate", tmp_path / "bag", "--json").stdout)
     assert estimate["pushes"] == pushes
     if pushes == len(PUSHES):
         assert estimate["center_of_friction"] == pytest.approx((0.0, 0.0), abs=0.5e-3)
-
-
-def pushfric(*arguments) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "pushfric_core", *map(str, arguments)]
-    try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=400)
-    except subprocess.TimeoutExpired as error:  # an aborted push waits for a person: what it said tells why
-        raise AssertionError((error.stderr or b"").decode()) from error

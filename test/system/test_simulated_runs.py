@@ -12,7 +12,7 @@ import urllib.request
 
 import pytest
 import yaml
-from calls import PROGRAM, pushfric
+from calls import PROGRAM, check_real_time_run, pushfric
 from documents import ROOT, blocks, has_the_form, sessions
 from typer.testing import CliRunner
 
@@ -108,8 +108,7 @@ def test_the_object_of_the_tutorial(tmp_path, monkeypatch):
 def test_the_rendered_camera_follows_a_real_tip(cell):
     with SimulatedGrbl(time.monotonic, restarts=False) as controller:
         (cell.parent / "tty").symlink_to(controller.port)
-        ended = run(cell, "--simulated-camera")
-        assert ended.returncode == 0, ended.stderr
+        check_real_time_run(run(cell, "--simulated-camera"))
         assert controller.position() == pytest.approx(0.0, abs=1e-9)
     last = estimate(cell.parent / "bag", code=1)  # two pushes cannot tell how far p_CF is off
     assert last["pushes"] == 2
