@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-import uuid
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
@@ -24,7 +23,6 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
-from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.position_memory import PositionMemory
@@ -130,11 +128,8 @@ class Cell:
     def send(self, distance=0.03, speed=0.08, retract=False, push_id=7, owner=True):
         """Send a goal and return its handle."""
         goal = Push.Goal(push_id=push_id, distance=distance, speed=speed, retract=retract)
-        owned = uuid.uuid4().bytes
-        if owner:
-            self.heartbeat.own(owned)
-        given = {"goal_uuid": UUID(uuid=list(owned)), "feedback_callback": lambda msg: self.feedback.append(msg.feedback)}
-        answer = self._client.send_goal_async(goal, **given)
+        given = goal, lambda msg: self.feedback.append(msg.feedback)
+        answer = self.heartbeat.send(self._client, *given) if owner else self._client.send_goal_async(*given)
         self.ros.wait_for(answer.done, what="the answer to the goal")
         return answer.result()
 
@@ -714,10 +709,8 @@ def test_a_signal_stops_the_pusher_and_its_client_is_told(controller, tmp_path):
 
 
 PUSH = """
-import uuid
 import rclpy
 from rclpy.action import ActionClient
-from unique_identifier_msgs.msg import UUID
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.heartbeat import Heartbeat
@@ -732,10 +725,7 @@ client = ActionClient(node, Push, "push")
 heartbeat = Heartbeat(node)
 client.wait_for_server()
 while True:
-    owned = uuid.uuid4().bytes
-    heartbeat.own(owned)
-    goal = Push.Goal(push_id=1, distance=0.08, speed=0.004)
-    answer = client.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned)))
+    answer = heartbeat.send(client, Push.Goal(push_id=1, distance=0.08, speed=0.004))
     rclpy.spin_until_future_complete(node, answer)
     if answer.result().accepted:
         break
