@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -173,8 +172,5 @@ class Person(contextlib.AbstractContextManager["Person"]):
         return future.result()
 
     def _wait(self, condition: Callable[[], object], otherwise: str, seconds: float | None = None) -> None:
-        deadline = time.monotonic() + (ANSWER_TIMEOUT if seconds is None else seconds)
-        while not condition():
-            if time.monotonic() > deadline:
-                raise NoAnswer(otherwise)
-            self.spin(0.05)
+        if not self._visit.spin_until(condition, ANSWER_TIMEOUT if seconds is None else seconds):
+            raise NoAnswer(otherwise)

@@ -207,7 +207,7 @@ def round_trip(patience: float) -> float | None:
         if not client.wait_for_service(timeout_sec=patience):
             return None
         while time.monotonic() - begin < 2 * patience:  # on a busy machine, the child may not know its caller yet
-            if here.spin_until(client.call_async(Trigger.Request()), CALL_AGAIN):
+            if here.spin_until(client.call_async(Trigger.Request()).done, CALL_AGAIN):
                 return time.monotonic() - begin
         return None
 
