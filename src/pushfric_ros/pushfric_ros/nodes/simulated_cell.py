@@ -5,9 +5,7 @@ time, and no clock is published.
 """
 
 import array
-import contextlib
 import math
-import os
 import pathlib
 import time
 from collections import deque
@@ -118,7 +116,9 @@ class SimulatedCellNode(Node):
             make = plugin(SIMULATIONS, place.controller)
             self._controller = make(lambda: self._elapsed, travel=stage.stroke, max_speed=stage.max_speed)
             self._controller.start()
-            self._link(place.port_link)
+            link = pathlib.Path(place.port_link)
+            link.unlink(missing_ok=True)
+            link.symlink_to(self._controller.port)  # a pseudo-terminal, whose name is not known beforehand
             period, step = 1 / (config.frame_rate * STEPS_PER_FRAME) / run.speed, self._step
             self._period = period * run.speed
         else:
@@ -133,17 +133,9 @@ class SimulatedCellNode(Node):
     def destroy_node(self) -> None:
         """Remove the simulated serial port, too."""
         if self._controller is not None:
-            with contextlib.suppress(FileNotFoundError):
-                os.unlink(self._place.port_link)
+            pathlib.Path(self._place.port_link).unlink(missing_ok=True)
             self._controller.close()
         super().destroy_node()
-
-    def _link(self, path: str) -> None:
-        """Link the pseudo-terminal, whose name is not known beforehand, to a known path."""
-        assert self._controller is not None
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(path)
-        os.symlink(self._controller.port, path)
 
     def _step(self) -> None:
         """Advance by one step of simulated time, but not far beyond what the actuator has noticed."""
