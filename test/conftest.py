@@ -149,6 +149,22 @@ class Ros:
 
         return self.compose(Node(name, **kwargs))
 
+    def heard(self, node, kind, topic: str, qos) -> list:
+        """A list that gets the messages of a topic."""
+        messages: list = []
+        node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def result(self, future, what: str):
+        """The result of a future, once it has one; `what` names it."""
+        self.wait_for(future.done, what=what)
+        return future.result()
+
+    def end(self, node) -> None:
+        """Stop spinning a node, once its present callbacks have ended, and destroy it."""
+        self.take_out(node)
+        node.destroy_node()
+
     def take_out(self, node) -> None:
         """Stop spinning a node, once its present callbacks have ended; the test destroys it."""
         self._executor.remove_node(node)

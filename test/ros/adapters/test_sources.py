@@ -118,8 +118,7 @@ def test_transforms_become_poses_of_the_object(ros):
     given = {"source": "transforms", "frame": "tag36h11:3", "reference": "table", "turn": 0.1}
     ros.compose(PoseSourceNode(namespace="/cell", parameter_overrides=overrides(given)))
     node = ros.node("detector", namespace="/cell")
-    seen = []
-    node.create_subscription(PoseWithCovarianceStamped, "object_pose", seen.append, SENSOR_QUEUE)
+    seen = ros.heard(node, PoseWithCovarianceStamped, "object_pose", SENSOR_QUEUE)
     fixed, moving = node.create_publisher(tf2.TFMessage, FIXED, LATCHED), node.create_publisher(tf2.TFMessage, MOVING, RELIABLE)
     down = about((1, 0, 0), math.pi)  # the camera looks down from 1 m
     fixed.publish(tf2.TFMessage(transforms=[transform_msg("table", "camera", (0.2, 0, 1), down)]))

@@ -57,8 +57,7 @@ def test_the_pushes_of_a_growing_bag_are_counted(bag):
 def test_a_tip_that_is_followed_again_goes_on_with_the_next_push(ros, bag):
     bag.write(state(1, 0), state(2, 1), state(3, PusherState.NO_PUSH))
     node = ros.node("robot", namespace="/cell")
-    states = []
-    node.create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    states = ros.heard(node, PusherState, "pusher_state", RELIABLE)
     tips = node.create_publisher(PoseStamped, "tip", SENSOR_DATA)
     poses = node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_QUEUE)
     given = {"object": NAME, "topic": "tip", "tip_radius": 0.003, "bag": str(bag.path)}

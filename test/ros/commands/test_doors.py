@@ -237,11 +237,10 @@ def by_node(ros, case, model):
     def ask(kind, **parts):
         client = planner_client(node, kind)
         ros.wait_for(client.service_is_ready, what=client.service_name)
-        answer = client.call_async(kind.Request(**parts))
-        ros.wait_for(answer.done, what=f"the answer of {client.service_name}")
-        assert answer.result().success, answer.result().message
-        assert answer.result().basis.data_points == count
-        return answer.result()
+        answer = ros.result(client.call_async(kind.Request(**parts)), f"the answer of {client.service_name}")
+        assert answer.success, answer.message
+        assert answer.basis.data_points == count
+        return answer
 
     def contacts(pushes):
         return {"contact_points": pushes.contact_points.ravel(), "contact_normals": pushes.contact_normals.ravel()}
@@ -388,14 +387,13 @@ def replayed(ros, bag, friction, folder):
             client = planner_client(node, PredictPush)
             ros.wait_for(lambda: len(last) == 2 and client.service_is_ready(), what="the estimate and the model that stay")
             pushed = {"contact_points": [0.0, -0.03], "contact_normals": [0.0, -1.0], "tip_velocities": [0.0, 0.02]}
-            answer = client.call_async(PredictPush.Request(**pushed))
-            ros.wait_for(answer.done, what="the answer of the planner")
+            answer = ros.result(client.call_async(PredictPush.Request(**pushed)), "the answer of the planner")
         finally:
             process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
     expected = predict(friction, [[0.0, -0.03]], [[0.0, -1.0]], [[0.0, 0.02]])
-    assert [list(answer.result().twists)] == expected.twists.tolist()
-    assert list(answer.result().covariances) == expected.covariance.ravel().tolist()
+    assert [list(answer.twists)] == expected.twists.tolist()
+    assert list(answer.covariances) == expected.covariance.ravel().tolist()
     samples, model = np.array(last[FrictionModel].w).reshape(-1, len(friction.support.weights)), last[FrictionModel]
     assert [samples.tolist(), list(model.mu_c), list(model.weights), model.misfit, model.sliding_misfit] == [
         *(friction.w.tolist(), friction.mu_c.tolist(), friction.share.tolist(), friction.misfit, friction.sliding_misfit)

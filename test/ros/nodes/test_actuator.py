@@ -95,13 +95,12 @@ class Cell:
 
     def __init__(self, ros, port, **parameters) -> None:
         self.ros = ros
-        self.states: list[PusherState] = []
         self.feedback: list[Push.Feedback] = []
         self.health: list[DiagnosticStatus] = []
         namespace = f"/cell_{next(NUMBERS)}"  # a new one, as nodes of earlier tests may live on until Python collects them
         # the executor gets it before it asks for anything, so that no state is missed
         self._other = ros.node("other", namespace=namespace)
-        self._other.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
+        self.states = ros.heard(self._other, PusherState, "pusher_state", RELIABLE)
         self._other.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.health.extend(msg.status), RELIABLE)
         self._client = ActionClient(self._other, Push, "push")
         self.heartbeat = Heartbeat(self._other)
@@ -130,13 +129,10 @@ class Cell:
         goal = Push.Goal(push_id=push_id, distance=distance, speed=speed, retract=retract)
         given = goal, lambda msg: self.feedback.append(msg.feedback)
         answer = self.heartbeat.send(self._client, *given) if owner else self._client.send_goal_async(*given)
-        self.ros.wait_for(answer.done, what="the answer to the goal")
-        return answer.result()
+        return self.ros.result(answer, "the answer to the goal")
 
     def result(self, handle) -> SimpleNamespace:
-        answer = handle.get_result_async()
-        self.ros.wait_for(answer.done, what="the result")
-        return answer.result()
+        return self.ros.result(handle.get_result_async(), "the result")
 
     def reset(self) -> Trigger.Response:
         return self._call(self._reset, Trigger.Request())
@@ -151,9 +147,7 @@ class Cell:
 
     def _call(self, client, request):
         self.ros.wait_for(client.service_is_ready, what=client.srv_name)
-        answer = client.call_async(request)
-        self.ros.wait_for(answer.done, what=f"the answer of {client.srv_name}")
-        return answer.result()
+        return self.ros.result(client.call_async(request), f"the answer of {client.srv_name}")
 
     def halfway(self, controller: SimulatedGrbl, **goal):
         """Start a motion that lasts longer than any timeout; return the handle of its goal."""

@@ -116,20 +116,18 @@ def overrides(cell, name) -> list[Parameter]:
 
 def test_a_pusher_from_outside_pushes(ros, package, write):
     cell = load_cell(write(pusher={"owner_timeout": 0}))
-    peer, states = ros.node("peer", namespace="/cell"), []
-    peer.create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    peer = ros.node("peer", namespace="/cell")
+    states = ros.heard(peer, PusherState, "pusher_state", RELIABLE)
     client = ActionClient(peer, Push, "push")
     alone = [override for override in overrides(cell, "actuator") if override.name != "requires"]  # no other node runs here
     node = ros.compose(ActuatorNode(namespace="/cell", parameter_overrides=alone))
     assert node.get_parameter("backlash").value == 0.0002
     ros.wait_for(lambda: states and states[-1].mode == PusherState.MODE_IDLE, what="a pusher that is ready")
     ros.wait_for(client.server_is_ready, what="the action server")
-    answer = client.send_goal_async(Push.Goal(push_id=3, distance=0.03, speed=0.06))
-    ros.wait_for(answer.done, what="the answer to the goal")
-    result = answer.result().get_result_async()
-    ros.wait_for(result.done, what="the end of the push")
-    assert result.result().status == GoalStatus.STATUS_SUCCEEDED
-    assert result.result().result.travelled == pytest.approx(0.03, abs=0.003)  # as last reported
+    handle = ros.result(client.send_goal_async(Push.Goal(push_id=3, distance=0.03, speed=0.06)), "the answer to the goal")
+    ended = ros.result(handle.get_result_async(), "the end of the push")
+    assert ended.status == GoalStatus.STATUS_SUCCEEDED
+    assert ended.result.travelled == pytest.approx(0.03, abs=0.003)  # as last reported
     ros.wait_for(lambda: states[-1].position == pytest.approx(0.03), what="a report from the end of the stroke")
     assert (states[-1].tip.x, states[-1].tip.y) == pytest.approx((0.1, 0.03))
     assert 3 in {state.push_id for state in states}

@@ -14,7 +14,7 @@ from problems import observations_of
 from rclpy.serialization import serialize_message
 from semantic_damage import STREAMS, Recording
 from std_srvs.srv import Trigger
-from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, pusher_msg
+from test_estimator_node import NAME, call, pose_msg, publisher, push, pusher_msg
 
 from pushfric_core import TABLE_1, Estimator, InvalidInput, Pose, Trajectory
 from pushfric_core.bags.bag import Bag
@@ -80,11 +80,11 @@ class Cell:
         topics = [" ".join(topic) for topic in TOPICS]
         recording = {"bag": str(bag), "object": NAME, "topics": topics, "model": parameters.get("model", "")}
         self.recorder = ros.compose(made(RecorderNode, **recording))
-        self.told = collect(ros, self.node, Observation, "observation", RELIABLE)
-        self.estimates = collect(ros, self.node, FrictionEstimate, "friction_estimate", LATCHED)
+        self.told = ros.heard(self.node, Observation, "observation", RELIABLE)
+        self.estimates = ros.heard(self.node, FrictionEstimate, "friction_estimate", LATCHED)
         self.poses = publisher(ros, self.node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
         self.states = publisher(ros, self.node, PusherState, "pusher_state", RELIABLE)
-        self.progress = collect(ros, self.node, EstimatorProgress, "estimator_progress", LATCHED)
+        self.progress = ros.heard(self.node, EstimatorProgress, "estimator_progress", LATCHED)
         self.start()
         self.warm_up()
 
@@ -249,12 +249,11 @@ def test_a_model_serves_the_object_that_it_is_of(ros, tmp_path):
     assert chosen(NAME) == f"estimation of {NAME} starts; it goes on from {path}"
     other = f"estimation of wood_rect3 starts; it does not use the model of {NAME}, {path}"
     assert chosen("wood_rect3") == other
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", LATCHED)
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", LATCHED)
     out = publisher(ros, node, Observation, "observation", RELIABLE)
     out.publish(observation_to_msg(DATA[3], "wood_rect3"))
     ros.wait_for(lambda: estimates and estimates[-1].data_points == 1, LONG, "an estimate")
-    ros.take_out(estimator)
-    estimator.destroy_node()
+    ros.end(estimator)
     assert (tmp_path / "model.yaml").read_bytes() == before  # it is not lost to the other object
 
 

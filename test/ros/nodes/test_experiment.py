@@ -162,9 +162,7 @@ class Table:
     def call(self, service: str) -> bool:
         client = self._node.create_client(Trigger, service)
         self.ros.wait_for(client.service_is_ready, what=service)
-        answer = client.call_async(Trigger.Request())
-        self.ros.wait_for(answer.done, what=f"the answer of {service}")
-        return answer.result().success
+        return self.ros.result(client.call_async(Trigger.Request()), f"the answer of {service}").success
 
     def choose(self, choice: str) -> None:
         """Wait until a person is asked what becomes of an aborted push, and answer."""
@@ -422,8 +420,7 @@ def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, t
     table = Table(ros, tmp_path)
     table.wait_for_message("another cell named /cell is running on this ROS domain: end it")
     assert all(state.push_id == PusherState.NO_PUSH for state in table.states)
-    ros.take_out(other)
-    other.destroy_node()
+    ros.end(other)
     assert table.wait_for_end().completed == 3
 
 

@@ -91,8 +91,7 @@ class Cell:
         self.ros = ros
         self.node = ros.node("asking", namespace="/cell")
         self.planner = ros.compose(PlannerNode(namespace="/cell", parameter_overrides=overrides(planner)))
-        self.models = []
-        self.node.create_subscription(FrictionModel, "friction_model", self.models.append, LATCHED)
+        self.models = ros.heard(self.node, FrictionModel, "friction_model", LATCHED)
 
     def estimate(self, observations=DATA):
         """Start the estimator, and wait until the planner has the model of these observations."""
@@ -115,9 +114,7 @@ class Cell:
         return client
 
     def ask(self, name, request, kind=None, client=None):
-        answer = (client or self.client(name, kind)).call_async(request)
-        self.ros.wait_for(answer.done, what=f"the answer of {name}")
-        return answer.result()
+        return self.ros.result((client or self.client(name, kind)).call_async(request), f"the answer of {name}")
 
     def figures(self):
         return self.planner._health().values

@@ -151,8 +151,7 @@ def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
         outputs[2].publish(raw)
     ros.wait_for(lambda: node._bag.message_count == 51, what="51 recorded messages")
     after = node.get_clock().now().nanoseconds
-    ros.take_out(node)
-    node.destroy_node()
+    ros.end(node)
     texts = list(Bag(tmp_path / "bag").messages(["/cell/text"]))
     assert [message.raw for message in texts] == sent
     assert all(before <= message.log_time_ns <= after for message in texts)
@@ -173,8 +172,7 @@ def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publis
     ros.wait_for(lambda: {"/cell/observation", "/cell/center_of_friction", "/cell/text"} <= set(node._bag.topics))
     ros.wait_for(lambda: node._bag._numbers["/cell/text"] == 1, what="the recorded text")
     ros.wait_for(lambda: node._bag._numbers["/cell/observation"] == 1, what="the recorded observation")
-    ros.take_out(node)
-    node.destroy_node()
+    ros.end(node)
     topics = {topic.name: topic for topic in Bag(tmp_path / "bag").summary.topics}
     # rosidl's file and the middleware agree
     assert topics["/cell/observation"].type_hash == message_types.type_hash(OBSERVATION)
@@ -198,8 +196,7 @@ def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs
     ros.wait_for(lambda: node.get_clock().now().nanoseconds == 6 * SECOND, what="the second tick")
     outputs[2].publish(String(data="late"))
     ros.wait_for(lambda: node._bag.message_count == 2, what="the late message")
-    ros.take_out(node)
-    node.destroy_node()
+    ros.end(node)
     messages = list(Bag(tmp_path / "bag").messages())
     assert [(m.log_time_ns, content(m).data) for m in messages] == [(5 * SECOND, "early"), (6 * SECOND, "late")]
 
@@ -338,8 +335,7 @@ def test_a_bag_that_is_played_and_recorded_again_is_the_same(ros, tmp_path):
     ros.compose(first := recorder(bag=str(tmp_path / "second"), topics=TOPICS))
     node = ros.compose(player(bag=str(tmp_path / "first"), wait_for=NAMES, rate=2.0, clock=False))
     ros.wait_for(lambda: node.done and first._bag.message_count == 90, what="the end of the bag")
-    ros.take_out(first)
-    first.destroy_node()
+    ros.end(first)
     again = contents(tmp_path / "second")
     # DDS keeps the order within a topic, not between topics
     assert by_topic(again) == by_topic([(message.topic, message.raw) for message in original])
@@ -368,9 +364,8 @@ def test_only_the_chosen_topics_are_played(ros, tmp_path):
 def test_playing_waits_for_its_subscribers(ros, tmp_path):
     make_bag(tmp_path / "bag", 6)
     played = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=["observation", "text"]))
-    clock: list[Clock] = []
     early = ros.node("early")
-    early.create_subscription(Clock, "/clock", clock.append, RELIABLE)
+    clock = ros.heard(early, Clock, "/clock", RELIABLE)
     early.create_subscription(Observation, "/cell/observation", lambda msg: None, RELIABLE)
     ros.wait_for(lambda: played._awaited[0].get_subscription_count(), what="the first subscriber")
     assert not played.done
@@ -387,10 +382,9 @@ def test_a_paused_player_waits_plays_and_holds_again(ros, tmp_path):
     ros.wait_for(client.service_is_ready, what="the pause service")
 
     def pause(on: bool) -> str:
-        answer = client.call_async(SetBool.Request(data=on))
-        ros.wait_for(answer.done, what="the answer")
-        assert answer.result().success
-        return answer.result().message
+        answer = ros.result(client.call_async(SetBool.Request(data=on)), "the answer")
+        assert answer.success
+        return answer.message
 
     ros.wait_for(lambda: all(output.get_subscription_count() for output in node._awaited), what="subscribers")
     for _ in range(3):

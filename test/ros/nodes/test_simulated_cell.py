@@ -107,8 +107,7 @@ def test_a_person_switches_the_lamp_off_unplugs_the_camera_and_presses_the_emerg
     """Each again, too: until the emergency stop is released, nothing moves, whatever is asked."""
     node = ros.compose(simulated_cell.SimulatedCellNode(parameter_overrides=overrides(parameters)))
     person = ros.node("person")
-    images: list[Image] = []
-    person.create_subscription(Image, "image_raw", images.append, SENSOR_DATA)
+    images = ros.heard(person, Image, "image_raw", SENSOR_DATA)
     port = os.open(tmp_path / "tty", os.O_RDWR | os.O_NOCTTY)
 
     switch = person.create_publisher(String, "switch", RELIABLE)
