@@ -109,18 +109,22 @@ def case(request, tmp_path):
     write_csv(tmp_path / "turned.csv", TURNED, np.column_stack(found.turned).tolist())
     model = load_object(str(found.folder / OBJECT_FILE))
     data = read_observations(tmp_path / "data.csv", model.outline)
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
-        encode = encoder("pushfric_msgs/msg/Observation")
-        for number, one in enumerate(data):
-            writer.write("/cell/observation", number, encode(observation_to_msg(one, model.name)))
-    save_object(model, tmp_path / "bag" / OBJECT_FILE)
+    write_bag(tmp_path / "bag", data, model)
     return found._replace(observations=data), model, tmp_path
 
 
 def write_csv(path, columns, rows):
     with path.open("w", newline="") as stream:
         csv.writer(stream).writerows((columns, *rows))
+
+
+def write_bag(path, observations, model):
+    with BagWriter(path) as writer:
+        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
+        encode = encoder("pushfric_msgs/msg/Observation")
+        for number, one in enumerate(observations):
+            writer.write("/cell/observation", number, encode(observation_to_msg(one, model.name)))
+    save_object(model, path / OBJECT_FILE)
 
 
 def plain(figures):
@@ -337,15 +341,10 @@ def of_a_run(_):
 
 def of_observations(folder):
     """Observations alone, of pushes that do not show mu_c."""
-    model, known = load_object("wood_rect3"), TABLE_1["wood_rect3"]
-    with BagWriter(folder / "bag") as writer:
-        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
-        encode = encoder("pushfric_msgs/msg/Observation")
-        for number, one in enumerate(
-            observations_of(known.outline, known.support, known.mu_c, 14, np.random.default_rng(5)), 1
-        ):
-            writer.write("/cell/observation", number, encode(observation_to_msg(replace(one, stamp=number), model.name)))
-    save_object(model, folder / "bag" / OBJECT_FILE)
+    known = TABLE_1["wood_rect3"]
+    data = observations_of(known.outline, known.support, known.mu_c, 14, np.random.default_rng(5))
+    stamped = [replace(one, stamp=number) for number, one in enumerate(data, 1)]
+    write_bag(folder / "bag", stamped, load_object("wood_rect3"))
     return folder / "bag"
 
 
