@@ -99,6 +99,7 @@ class Stage(contextlib.ExitStack):
         """
         given = self.given
         self.folder = pathlib.Path(self.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
+        self.log = self.folder / "actuator.log"  # the output of the actuators
         self.callback(self._come_to_rest)
         with self.driver(look=True) as pusher:
             if pusher.mode is not Mode.IDLE:
@@ -362,11 +363,6 @@ class Stage(contextlib.ExitStack):
         if known and not (self.heard and when <= self.heard[-1].when):  # what is published again is no news
             moves = state.mode in (PusherState.MODE_RUNNING, PusherState.MODE_HOMING)
             self.hear(Heard(when, state.position - self.position, abs(state.speed), moves))
-
-    @property
-    def log(self) -> pathlib.Path:
-        """The file with the output of the actuators."""
-        return self.folder / "actuator.log"
 
     def _end_processes(self) -> None:
         for process in (self.client, self.actuator):
