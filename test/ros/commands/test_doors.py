@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from calls import PROGRAM, figures, invoked, pushfric
+from composition import made
 from problems import observations_of
 from semantic_damage import Recording
 
@@ -39,7 +40,6 @@ from pushfric_core.records import to_json
 from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, FrictionModel, Observation, Recognition
 from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg, report_from_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.planner_client import planner_client
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.estimator import EstimatorNode
@@ -222,8 +222,7 @@ def by_node(ros, case, model):
     """The answers of the live nodes; the corners of a region come as float32."""
     node = ros.node("asking", namespace="/cell")
     ros.compose(PlannerNode(namespace="/cell"))
-    given = {"object": str(case.folder / OBJECT_FILE), "source": "observations"}
-    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=overrides(given)))
+    ros.compose(made(EstimatorNode, object=str(case.folder / OBJECT_FILE), source="observations"))
     last, count = {}, len(case.observations)
     for kind, topic in TOPICS.items():
         node.create_subscription(kind, topic, lambda msg, kind=kind: last.update({kind: msg}), LATCHED)

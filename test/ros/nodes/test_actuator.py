@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import pytest
 from action_msgs.msg import GoalStatus
 from calls import wait_until
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
@@ -32,7 +33,6 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.diagnostics import DiagnosticStatus
 from pushfric_ros.node_kit.heartbeat import Heartbeat
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.stop_button import press
 from pushfric_ros.nodes.actuator import ActuatorNode
@@ -110,8 +110,7 @@ class Cell:
         self._reset = self._other.create_client(Trigger, "actuator/reset")
         self._change = self._other.create_client(ChangeState, "actuator/change_state")
         self._get = self._other.create_client(GetState, "actuator/get_state")
-        self.node = ActuatorNode(namespace=namespace, parameter_overrides=overrides({"port": str(port), **LINE, **parameters}))
-        ros.compose(self.node)
+        self.node = ros.compose(made(ActuatorNode, namespace, port=str(port), **LINE | parameters))
 
     def wait_for_mode(self, mode: int) -> None:
         self.ros.wait_for(lambda: self.states and self.states[-1].mode == mode, what=f"mode {mode}")

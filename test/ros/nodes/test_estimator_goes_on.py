@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from composition import made
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from problems import observations_of
 from rclpy.serialization import serialize_message
@@ -32,7 +33,6 @@ from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstima
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.graph.graph import TOPICS
 from pushfric_ros.messages.conversions import observation_to_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.recorder import RecorderNode
@@ -42,10 +42,6 @@ START = 10**18
 LONG = 240.0
 MODEL = load_object(NAME)
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 9, np.random.default_rng(5))
-
-
-def made(node_class, **parameters):
-    return node_class(namespace="/cell", parameter_overrides=overrides(parameters))
 
 
 def kept(path, data):
@@ -304,7 +300,7 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
 
 def as_it_came(messages, afresh=False):
     """The ledger of an estimator to which these messages of a bag come, when they were recorded."""
-    node = EstimatorNode(namespace="/cell", parameter_overrides=overrides({"object": str(DEMO / "object.yaml")}))
+    node = made(EstimatorNode, object=str(DEMO / "object.yaml"))
     bag = Bag(DEMO)
     if afresh:
         node._start_afresh(node._now.chosen)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
 from problems import observations_of
@@ -28,17 +29,12 @@ from pushfric_msgs.msg import (
 )
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.messages.conversions import observation_to_msg, pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 
 NAME = "rubber_rect4"
 FRAME = round(1e9 / 14)
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 5, np.random.default_rng(5))
-
-
-def estimator(**parameters):
-    return EstimatorNode(namespace="/cell", parameter_overrides=overrides(parameters))
 
 
 def publisher(ros, node, kind, topic, qos):
@@ -50,7 +46,7 @@ def publisher(ros, node, kind, topic, qos):
 def estimator_of_observations(ros, **parameters):
     """A node next to a running estimator, its publisher of observations, and the list of estimates it receives."""
     node = ros.node("peer", namespace="/cell")
-    ros.compose(estimator(object=NAME, source="observations", **parameters))
+    ros.compose(made(EstimatorNode, object=NAME, source="observations", **parameters))
     estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
     out = publisher(ros, node, Observation, "observation", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
@@ -60,7 +56,7 @@ def estimator_of_observations(ros, **parameters):
 def estimator_of_samples(ros, **parameters):
     """A node next to a running estimator, a function that sends it messages, and the observations that it makes of them."""
     node = ros.node("peer", namespace="/cell")
-    ros.compose(estimator(object=NAME, **parameters))
+    ros.compose(made(EstimatorNode, object=NAME, **parameters))
     observations = ros.heard(node, Observation, "observation", RELIABLE)
     poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
     states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
@@ -213,7 +209,7 @@ def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
 def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
     node = ros.node("peer", namespace="/cell")
     given = {"region_margin": 0.01, "slipping_pushes": [0, 2], "exclude_pushes": [1]}
-    ros.compose(estimator(object=NAME, source="observations", **given))
+    ros.compose(made(EstimatorNode, object=NAME, source="observations", **given))
     regions = ros.heard(node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
     frictions = ros.heard(node, ContactFriction, "contact_friction", RELIABLE)
     out = publisher(ros, node, Observation, "observation", RELIABLE)
@@ -262,7 +258,7 @@ def test_measured_forces_reach_the_estimate(ros):
 
 def test_a_clock_that_jumps_back_restarts_the_estimate(ros):
     node = ros.node("peer", namespace="/cell")
-    live = ros.compose(estimator(object=NAME, source="observations", use_sim_time=True))
+    live = ros.compose(made(EstimatorNode, object=NAME, source="observations", use_sim_time=True))
     estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
     out = publisher(ros, node, Observation, "observation", RELIABLE)
     clock = publisher(ros, node, Clock, "/clock", RELIABLE)
@@ -354,4 +350,4 @@ def test_contradicting_data_give_a_status_and_no_values(ros):
 )
 def test_bad_parameters_are_refused_with_a_reason(ros, parameters, error):
     with pytest.raises(InvalidInput, match=error):
-        estimator(**parameters)
+        made(EstimatorNode, **parameters)

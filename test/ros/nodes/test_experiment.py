@@ -6,6 +6,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
@@ -26,7 +27,6 @@ from pushfric_msgs.msg import TestPush as Candidate
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.heartbeat import Heartbeat
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.nodes import experiment
@@ -84,13 +84,8 @@ class Table:
                  "still": STILL, "awaits": ["estimator"]}  # fmt: skip
         time_of = {name: value for name, value in parameters.items() if name == "use_sim_time"}
         if actuator is None:
-            self.actuator = ros.compose(
-                ActuatorNode(
-                    namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **STAGE} | time_of)
-                )
-            )
-        self.node = ExperimentNode(namespace="/cell", parameter_overrides=overrides(given | parameters))
-        ros.compose(self.node)
+            self.actuator = ros.compose(made(ActuatorNode, port=str(tmp_path / "port"), **STAGE, **time_of))
+        self.node = ros.compose(made(ExperimentNode, **given | parameters))
 
     def _on_placement(self, msg: PoseStamped) -> None:
         self.wanted.append(pose_from_msg(msg.pose))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from composition import made
 from geometry_msgs.msg import Point
 from problems import observations_of
 from rclpy.node import Node
@@ -20,7 +21,6 @@ from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictS
 from pushfric_ros.messages.conversions import observation_to_msg
 from pushfric_ros.node_kit import turns
 from pushfric_ros.node_kit.diagnostics import Level
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.planner_client import QUESTIONS, planner_client
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.estimator import EstimatorNode
@@ -90,13 +90,12 @@ class Cell:
     def __init__(self, ros, **planner):
         self.ros = ros
         self.node = ros.node("asking", namespace="/cell")
-        self.planner = ros.compose(PlannerNode(namespace="/cell", parameter_overrides=overrides(planner)))
+        self.planner = ros.compose(made(PlannerNode, **planner))
         self.models = ros.heard(self.node, FrictionModel, "friction_model", LATCHED)
 
     def estimate(self, observations=DATA):
         """Start the estimator, and wait until the planner has the model of these observations."""
-        given = overrides({"object": NAME, "source": "observations"})
-        self.ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=given))
+        self.ros.compose(made(EstimatorNode, object=NAME, source="observations"))
         out = self.node.create_publisher(Observation, "observation", RELIABLE)
         self.ros.wait_for(out.get_subscription_count, what="the estimator")
         for observation in observations:

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from rclpy.duration import Duration
@@ -33,7 +34,6 @@ from pushfric_ros.messages import types as message_types
 from pushfric_ros.messages.types import definition, message_class
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.losses import Losses
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.player import PlayerNode
 from pushfric_ros.nodes.recorder import QUEUE_DEPTH, MessagesLost, RecorderNode
@@ -48,12 +48,8 @@ RECORDER, PLAYER = (f"from pushfric_ros.nodes.{name} import main; main()" for na
 NAMES = ["/cell/observation", "/cell/center_of_friction", "/cell/text"]
 
 
-def recorder(**values) -> RecorderNode:
-    return RecorderNode(namespace="/cell", parameter_overrides=overrides(values))
-
-
 def player(**values) -> PlayerNode:
-    return PlayerNode(namespace="/cell", parameter_overrides=overrides({"exit_when_done": False, **values}))
+    return made(PlayerNode, exit_when_done=False, **values)
 
 
 def content(message: BagMessage) -> object:
@@ -143,7 +139,7 @@ def wait_until_matched(ros, outputs) -> None:
 
 def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
     outputs[1].publish(PointStamped())  # latched before the recorder exists
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
+    node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS))
     wait_until_matched(ros, outputs)
     sent = [serialize_message(String(data=f"text {number}")) for number in range(50)]
     before = node.get_clock().now().nanoseconds
@@ -165,7 +161,7 @@ def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
 
 
 def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publisher(ros, outputs, tmp_path):
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), discover=True))
+    node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), discover=True))
     wait_until_matched(ros, outputs)
     for output, msg in zip(outputs, (Observation(push_id=7), PointStamped(), String(data="seen")), strict=True):
         output.publish(msg)
@@ -185,7 +181,7 @@ def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publis
 
 
 def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs, tmp_path):
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True))
+    node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True))
     clock = ros.node("clock").create_publisher(Clock, "/clock", RELIABLE)
     wait_until_matched(ros, [*outputs, clock])
     outputs[2].publish(String(data="early"))
@@ -205,7 +201,7 @@ def test_messages_dropped_by_a_full_queue_are_counted_and_warned_of_once(ros, ou
     reports = []
     monitor = ros.node("monitor")
     monitor.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: reports.extend(msg.status), RELIABLE)
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
+    node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS))
     wait_until_matched(ros, outputs)
     outputs[0].publish(Observation())
     ros.wait_for(lambda: node._bag.message_count == 1, what="the first message")
@@ -250,7 +246,7 @@ def test_missing_numbers_of_a_single_publisher_are_losses(qos, reported, numbers
 
 
 def test_a_loss_that_nobody_promised_to_prevent_is_said_and_no_fault(ros, tmp_path, capfd):
-    node = recorder(bag=str(tmp_path / "bag"), topics=TOPICS)
+    node = made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS)
     node._receptions["/cell/text"].losses.reported(SimpleNamespace(total_count_change=3))
     node.destroy_node()
     assert capfd.readouterr().err == (
@@ -260,7 +256,7 @@ def test_a_loss_that_nobody_promised_to_prevent_is_said_and_no_fault(ros, tmp_pa
 
 def test_what_has_arrived_is_recorded_at_the_end(ros, outputs, tmp_path):
     """A busy recorder may be behind when it is asked to end."""
-    node = recorder(bag=str(tmp_path / "bag"), topics=TOPICS)  # never spun
+    node = made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS)  # never spun
     wait_until_matched(ros, outputs)
     for number in range(50):
         outputs[0].publish(Observation(push_id=number))
@@ -282,7 +278,7 @@ def test_what_has_arrived_is_recorded_at_the_end(ros, outputs, tmp_path):
 def test_the_recorder_refuses_wrong_parameters(ros, tmp_path, monkeypatch, values, expected):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidInput, match=expected):
-        recorder(**values)
+        made(RecorderNode, **values)
     assert not any(tmp_path.iterdir())
 
 
@@ -332,7 +328,7 @@ def test_a_bag_that_was_removed_while_recording_ends_the_recorder(ros, outputs, 
 
 def test_a_bag_that_is_played_and_recorded_again_is_the_same(ros, tmp_path):
     original = make_bag(tmp_path / "first", 90)
-    ros.compose(first := recorder(bag=str(tmp_path / "second"), topics=TOPICS))
+    ros.compose(first := made(RecorderNode, bag=str(tmp_path / "second"), topics=TOPICS))
     node = ros.compose(player(bag=str(tmp_path / "first"), wait_for=NAMES, rate=2.0, clock=False))
     ros.wait_for(lambda: node.done and first._bag.message_count == 90, what="the end of the bag")
     ros.end(first)
