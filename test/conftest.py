@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -93,6 +94,28 @@ def install(tmp_path, monkeypatch) -> Callable[..., None]:
         importlib.invalidate_caches()
 
     return installed
+
+
+class Said(NamedTuple):
+    """How a call of the command line ended, and what it printed."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def call(monkeypatch, capsys) -> Callable[..., Said]:
+    """Calls the command line in this process, because a process of its own spends most of its time on imports."""
+    from pushfric_core.commands import cli
+
+    def called(*arguments: object) -> Said:
+        monkeypatch.setattr(sys, "argv", ["pushfric", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return Said(ended.value.code or 0, *capsys.readouterr())
+
+    return called
 
 
 @pytest.fixture
