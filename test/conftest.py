@@ -178,6 +178,12 @@ class Ros:
         node.create_subscription(kind, topic, messages.append, qos)
         return messages
 
+    def publisher(self, node, kind, topic: str, qos):
+        """A publisher, once somebody subscribes to its topic."""
+        out = node.create_publisher(kind, topic, qos)
+        self.wait_for(out.get_subscription_count, what=f"a subscriber of {topic}")
+        return out
+
     def result(self, future, what: str):
         """The result of a future, once it has one; `what` names it."""
         self.wait_for(future.done, what=what)

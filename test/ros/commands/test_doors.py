@@ -226,8 +226,7 @@ def by_node(ros, case, model):
     last, count = {}, len(case.observations)
     for kind, topic in TOPICS.items():
         node.create_subscription(kind, topic, lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
-    out = node.create_publisher(Observation, "observation", RELIABLE)
-    ros.wait_for(out.get_subscription_count, what="the estimator")
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
     for number, one in enumerate(case.observations, 1):  # without durations, stamps only say which observation is the last
         out.publish(observation_to_msg(replace(one, stamp=number), model.name))
     wanted = set(TOPICS) - (set() if model.hypotheses else {Recognition})

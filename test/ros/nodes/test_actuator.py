@@ -260,8 +260,7 @@ def under_way_without(cell: Cell, controller: SimulatedGrbl, link, what: str) ->
     if what == "tracker":
         return Heartbeat(cell.ros.node("tracker", namespace=cell.node.get_namespace())).end
     if what == "stop topic":
-        out = cell._other.create_publisher(Empty, "stop", RELIABLE)
-        cell.ros.wait_for(out.get_subscription_count, what="the actuator's subscription")
+        out = cell.ros.publisher(cell._other, Empty, "stop", RELIABLE)
         return lambda: out.publish(Empty())
     return {
         "owner": lambda: cell.heartbeat.own(None),

@@ -15,7 +15,7 @@ from problems import observations_of
 from rclpy.serialization import serialize_message
 from semantic_damage import STREAMS, Recording
 from std_srvs.srv import Trigger
-from test_estimator_node import NAME, call, pose_msg, publisher, push, pusher_msg
+from test_estimator_node import NAME, call, pose_msg, push, pusher_msg
 
 from pushfric_core import TABLE_1, Estimator, InvalidInput, Pose, Trajectory
 from pushfric_core.bags.bag import Bag
@@ -78,8 +78,8 @@ class Cell:
         self.recorder = ros.compose(made(RecorderNode, **recording))
         self.told = ros.heard(self.node, Observation, "observation", RELIABLE)
         self.estimates = ros.heard(self.node, FrictionEstimate, "friction_estimate", LATCHED)
-        self.poses = publisher(ros, self.node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
-        self.states = publisher(ros, self.node, PusherState, "pusher_state", RELIABLE)
+        self.poses = ros.publisher(self.node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self.states = ros.publisher(self.node, PusherState, "pusher_state", RELIABLE)
         self.progress = ros.heard(self.node, EstimatorProgress, "estimator_progress", LATCHED)
         self.start()
         self.warm_up()
@@ -246,7 +246,7 @@ def test_a_model_serves_the_object_that_it_is_of(ros, tmp_path):
     other = f"estimation of wood_rect3 starts; it does not use the model of {NAME}, {path}"
     assert chosen("wood_rect3") == other
     estimates = ros.heard(node, FrictionEstimate, "friction_estimate", LATCHED)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
     out.publish(observation_to_msg(DATA[3], "wood_rect3"))
     ros.wait_for(lambda: estimates and estimates[-1].data_points == 1, LONG, "an estimate")
     ros.end(estimator)

@@ -37,18 +37,12 @@ FRAME = round(1e9 / 14)
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 5, np.random.default_rng(5))
 
 
-def publisher(ros, node, kind, topic, qos):
-    out = node.create_publisher(kind, topic, qos)
-    ros.wait_for(out.get_subscription_count, what=f"a subscriber of {topic}")
-    return out
-
-
 def estimator_of_observations(ros, **parameters):
     """A node next to a running estimator, its publisher of observations, and the list of estimates it receives."""
     node = ros.node("peer", namespace="/cell")
     ros.compose(made(EstimatorNode, object=NAME, source="observations", **parameters))
     estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     return node, out, estimates
 
@@ -58,8 +52,8 @@ def estimator_of_samples(ros, **parameters):
     node = ros.node("peer", namespace="/cell")
     ros.compose(made(EstimatorNode, object=NAME, **parameters))
     observations = ros.heard(node, Observation, "observation", RELIABLE)
-    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
-    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    poses = ros.publisher(node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = ros.publisher(node, PusherState, "pusher_state", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("observation"), what="the estimator")
     return node, lambda msg: (states if isinstance(msg, PusherState) else poses).publish(msg), observations
 
@@ -212,7 +206,7 @@ def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
     ros.compose(made(EstimatorNode, object=NAME, source="observations", **given))
     regions = ros.heard(node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
     frictions = ros.heard(node, ContactFriction, "contact_friction", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("contact_friction"), what="the estimator")
     core, half_planes = Estimator(load_object(NAME).support_points), HalfPlanes(TABLE_1[NAME].outline, 0.01)
     for observation in DATA[:4]:
@@ -239,7 +233,7 @@ def wrench_msg(stamp, force):
 def test_measured_forces_reach_the_estimate(ros):
     node, send, observations = estimator_of_samples(ros, terms=["moment", "force"])
     estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
-    wrenches = publisher(ros, node, WrenchStamped, "wrench", RELIABLE)
+    wrenches = ros.publisher(node, WrenchStamped, "wrench", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     wrong = wrench_msg(10**18 - 1, (1.0, 0.0))
     wrong.header.frame_id = "sensor"
@@ -260,8 +254,8 @@ def test_a_clock_that_jumps_back_restarts_the_estimate(ros):
     node = ros.node("peer", namespace="/cell")
     live = ros.compose(made(EstimatorNode, object=NAME, source="observations", use_sim_time=True))
     estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
-    clock = publisher(ros, node, Clock, "/clock", RELIABLE)
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
+    clock = ros.publisher(node, Clock, "/clock", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     for count, seconds in ((1, 100), (2, 101), (4, 50)):
         clock.publish(Clock(clock=stamp_to_msg(seconds * 10**9)))

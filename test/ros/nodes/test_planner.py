@@ -96,8 +96,7 @@ class Cell:
     def estimate(self, observations=DATA):
         """Start the estimator, and wait until the planner has the model of these observations."""
         self.ros.compose(made(EstimatorNode, object=NAME, source="observations"))
-        out = self.node.create_publisher(Observation, "observation", RELIABLE)
-        self.ros.wait_for(out.get_subscription_count, what="the estimator")
+        out = self.ros.publisher(self.node, Observation, "observation", RELIABLE)
         for observation in observations:
             out.publish(observation_to_msg(observation, NAME))
         self.wait_for_model(len(observations))
@@ -189,8 +188,7 @@ def test_every_answer_says_what_it_rests_on(ros):
     assert answer.message == "there is no estimate yet; push the object first"
     assert (answer.basis.object, answer.basis.has_model, answer.basis.data_points) == (NAME, False, 0)
 
-    out = cell.node.create_publisher(Observation, "observation", RELIABLE)
-    ros.wait_for(out.get_subscription_count)
+    out = ros.publisher(cell.node, Observation, "observation", RELIABLE)
     for observation in DATA:
         out.publish(observation_to_msg(observation, NAME))
     cell.wait_for_model(len(DATA))
