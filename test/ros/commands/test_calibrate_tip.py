@@ -24,6 +24,7 @@ from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands import topic_frames
+from pushfric_ros.messages.conversions import image_to_msg
 from pushfric_ros.node_kit.qos import SENSOR_DATA
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.0006)
@@ -135,8 +136,7 @@ def live_cell(cell, ros):
         def show() -> None:
             while not over.wait(0.04):
                 x, y = ORIGIN + controller.position() * DIRECTION
-                image = camera.render(Pose(x, y, 0.0))
-                out.publish(Image(height=480, width=640, encoding="mono8", step=640, data=image.tobytes()))
+                out.publish(image_to_msg(camera.render(Pose(x, y, 0.0)), 0))
 
         driver = threading.Thread(target=show)
         driver.start()

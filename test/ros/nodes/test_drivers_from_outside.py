@@ -1,6 +1,5 @@
 """A pusher and a tracker of another package in the real nodes, chosen by name in a cell's file, without an edit in pushfric."""
 
-import array
 import importlib
 import pathlib
 import sys
@@ -21,7 +20,7 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.commands import doctor
 from pushfric_ros.graph import graph
-from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.conversions import image_to_msg
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.tracker import TrackerNode
@@ -143,9 +142,7 @@ def test_a_tracker_from_outside_finds_its_object(ros, package, write):
     picture = np.full((240, 320), 190, np.uint8)
     ((u, v),) = CAMERA.project(np.array([(0.03, 0.05)])).round().astype(int)
     picture[v - 2 : v + 3, u - 2 : u + 3] = 255
-    msg = Image(height=240, width=320, encoding="mono8", step=320, data=array.array("B", picture.tobytes()))
-    msg.header.stamp = stamp_to_msg(10**18)
-    images.publish(msg)
+    images.publish(image_to_msg(picture, 10**18))
     ros.wait_for(lambda: poses, what="a pose")
     place = poses[0].pose.pose.position
     assert (place.x, place.y) == pytest.approx((0.03, 0.05), abs=6e-4)

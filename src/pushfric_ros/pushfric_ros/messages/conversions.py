@@ -5,6 +5,7 @@ is NaN in a message; where no number can be, it is what the message has by itsel
 of that name.
 """
 
+import array
 import functools
 import math
 import operator
@@ -31,7 +32,7 @@ from pushfric_core.estimation.region import Region
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import OBJECT, Pose
+from pushfric_core.geometry.planar import CAMERA, OBJECT, Pose
 from pushfric_core.mechanics.limit_surface import (
     ellipsoid_error,
     named_ellipsoid,
@@ -213,6 +214,15 @@ def pose_to_msg(pose: Pose) -> PoseMsg:
 def observation_to_msg(observation: Observation, object_name: str) -> ObservationMsg:
     """An observation as a message for the topic `observation`."""
     return samples.observation_to_msg(observation, object_name, _new)
+
+
+def image_to_msg(picture: np.ndarray, stamp: int) -> Any:
+    """A picture (height, width) in grey levels that the camera took at a time [ns], as sensor_msgs/Image."""
+    height, width = picture.shape
+    msg = _new("sensor_msgs/msg/Image", height=height, width=width, encoding="mono8", step=width)
+    msg.header.frame_id, msg.header.stamp = CAMERA, stamp_to_msg(stamp)
+    msg.data = array.array("B", picture.tobytes())
+    return msg
 
 
 def stamp_to_msg(nanoseconds: int) -> Time:

@@ -4,7 +4,6 @@ With a real controller, the physics, the camera and the operator remain: they fo
 time, and no clock is published.
 """
 
-import array
 import math
 import pathlib
 import time
@@ -24,7 +23,7 @@ from pushfric_core.cell.node_settings import SWITCHES, FrameConfig, ObjectConfig
 from pushfric_core.errors import SolverFailed
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.contact import pushing_line
-from pushfric_core.geometry.planar import CAMERA, Pose
+from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.simulation import PushedObject
@@ -35,7 +34,7 @@ from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.serial_controller import SerialController
 from pushfric_core.vision.camera import load_camera
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.conversions import image_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -146,11 +145,11 @@ class SimulatedCellNode(Node):
         self._stepped = now
         self._steps += 1
         self._elapsed = self._steps * self._period
-        stamp = stamp_to_msg(START + round(self._elapsed * 1e9))
+        stamp = START + round(self._elapsed * 1e9)
         self._operate()
         self._controller.hold_in_reset(self._switched["emergency_stop"])
         self._push(self._controller.position())
-        self._clock_out.publish(ClockMsg(clock=stamp))
+        self._clock_out.publish(ClockMsg(clock=stamp_to_msg(stamp)))
         if self._steps % STEPS_PER_FRAME == 0:
             self._publish_frame(stamp)
 
@@ -166,7 +165,7 @@ class SimulatedCellNode(Node):
             self._push(float(np.interp(then - first, [stamp - first for stamp in stamps], positions)))
         if then > self._shown:
             self._shown = then
-            self._publish_frame(stamp_to_msg(then))
+            self._publish_frame(then)
 
     def _on_pusher_state(self, msg: PusherState) -> None:
         try:
@@ -191,14 +190,11 @@ class SimulatedCellNode(Node):
         if self._placing is not None and self._elapsed >= self._placing[0]:
             self._object.pose, self._placing, self._present = self._placing[1], None, True
 
-    def _publish_frame(self, stamp: Any) -> None:
+    def _publish_frame(self, stamp: int) -> None:
         if self._switched["unplug"]:
             return
         frame = self._camera.render(self._object.pose if self._present else None)
-        height, width = frame.shape
-        image = Image(height=height, width=width, encoding="mono8", step=width)
-        image.header.frame_id, image.header.stamp = CAMERA, stamp
-        image.data = array.array("B", frame.tobytes())
+        image = image_to_msg(frame, stamp)
         self._info.header = image.header
         self._image_out.publish(image)
         self._info_out.publish(self._info)
