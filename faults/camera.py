@@ -181,8 +181,7 @@ def main(fault: str, folder: pathlib.Path) -> None:
         }
         specs = graph.simulated_cell(cell, str(folder / "bag"), seed=0, speed=1.0)
         specs = [changed.get(spec.name, lambda spec: spec)(spec) for spec in specs]
-        bag, go_on = folder / "bag", lambda push: None
-        ended, _ = watch(console, specs, NAMESPACE, "a faulty camera", False, unfinished=go_on, prompts=True, recorded=bag)
+        ended, _ = watch(console, specs, NAMESPACE, "a faulty camera", False, prompts=True, recorded=folder / "bag")
     if ended.code:
         fail(ended.reason, ended.code)
 

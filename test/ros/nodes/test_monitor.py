@@ -1,6 +1,5 @@
 """The monitor node with a real publisher of estimates."""
 
-import contextlib
 from functools import partial
 
 from pushfric_msgs.msg import FrictionEstimate
@@ -14,7 +13,7 @@ PATIENCE = 60.0
 def test_a_monitor_that_was_held_up_still_sees_every_estimate():
     seen = []
     make = partial(MonitorNode, seen.append, lambda _: None, starts_player=False)
-    with contextlib.closing(Visit(make)) as monitor, visit("estimator") as estimator:
+    with Visit(make) as monitor, visit("estimator") as estimator:
         publisher = estimator.node.create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
         assert monitor.spin_until(publisher.get_subscription_count, PATIENCE)
         assert monitor.spin_until(lambda: monitor.node.count_publishers("friction_estimate"), PATIENCE)
