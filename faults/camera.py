@@ -4,7 +4,6 @@
 files are in the folder. `python -m faults.camera FAULT` is that camera.
 """
 
-import array
 import contextlib
 import pathlib
 import sys
@@ -31,7 +30,7 @@ from pushfric_ros.commands.watch import watch
 from pushfric_ros.faults.fault import EndedEarly
 from pushfric_ros.faults.processes import end, started
 from pushfric_ros.graph import graph
-from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.conversions import image_to_msg
 from pushfric_ros.node_kit.process import run_node
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 
@@ -153,10 +152,7 @@ class FaultyCamera(Node):
         seen.first, seen.count = [*seen.first, seen.now][:2], seen.count + 1
         shown_of = self._shown_of(seen)
         for frame in shown_of if isinstance(shown_of, list) else [Frame(shown_of, seen.now.stamp)]:
-            shown = Image(header=msg.header, height=msg.height, width=msg.width, encoding=msg.encoding, step=msg.step)
-            shown.header.stamp = stamp_to_msg(frame.stamp)
-            shown.data = array.array("B", frame.picture.tobytes())
-            self._out.publish(shown)
+            self._out.publish(image_to_msg(frame.picture, frame.stamp))
 
 
 def start(fault: str, cell: CellRun) -> float:
@@ -185,8 +181,7 @@ def main(fault: str, folder: pathlib.Path) -> None:
         }
         specs = graph.simulated_cell(cell, str(folder / "bag"), seed=0, speed=1.0)
         specs = [changed.get(spec.name, lambda spec: spec)(spec) for spec in specs]
-        bag, go_on = folder / "bag", lambda push: None
-        ended, _ = watch(console, specs, NAMESPACE, "a faulty camera", False, unfinished=go_on, prompts=True, recorded=bag)
+        ended, _ = watch(console, specs, NAMESPACE, "a faulty camera", False, prompts=True, recorded=folder / "bag")
     if ended.code:
         fail(ended.reason, ended.code)
 

@@ -8,6 +8,11 @@ from pushfric_ros.node_kit.introspection import node_class
 from pushfric_ros.node_kit.parameters import overrides
 
 
+def made(kind: Any, namespace: str = "/cell", **parameters: Any) -> Any:
+    """A node of this class with these parameters."""
+    return kind(namespace=namespace, parameter_overrides=overrides(parameters))
+
+
 def compose(specs: Sequence[NodeSpec], namespace: str) -> list[Any]:
     """Make the nodes of a graph in a namespace."""
     nodes = []

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -95,6 +96,28 @@ def install(tmp_path, monkeypatch) -> Callable[..., None]:
     return installed
 
 
+class Said(NamedTuple):
+    """How a call of the command line ended, and what it printed."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def call(monkeypatch, capsys) -> Callable[..., Said]:
+    """Calls the command line in this process, because a process of its own spends most of its time on imports."""
+    from pushfric_core.commands import cli
+
+    def called(*arguments: object) -> Said:
+        monkeypatch.setattr(sys, "argv", ["pushfric", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return Said(ended.value.code or 0, *capsys.readouterr())
+
+    return called
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)
@@ -148,6 +171,28 @@ class Ros:
         from rclpy.node import Node
 
         return self.compose(Node(name, **kwargs))
+
+    def heard(self, node, kind, topic: str, qos) -> list:
+        """A list that gets the messages of a topic."""
+        messages: list = []
+        node.create_subscription(kind, topic, messages.append, qos)
+        return messages
+
+    def publisher(self, node, kind, topic: str, qos):
+        """A publisher, once somebody subscribes to its topic."""
+        out = node.create_publisher(kind, topic, qos)
+        self.wait_for(out.get_subscription_count, what=f"a subscriber of {topic}")
+        return out
+
+    def result(self, future, what: str):
+        """The result of a future, once it has one; `what` names it."""
+        self.wait_for(future.done, what=what)
+        return future.result()
+
+    def end(self, node) -> None:
+        """Stop spinning a node, once its present callbacks have ended, and destroy it."""
+        self.take_out(node)
+        node.destroy_node()
 
     def take_out(self, node) -> None:
         """Stop spinning a node, once its present callbacks have ended; the test destroys it."""

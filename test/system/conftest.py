@@ -1,14 +1,10 @@
-"""A browser of the distribution, for the tests that look at pages; and the command line, called in this process."""
+"""A browser of the distribution, for the tests that look at pages."""
 
 import os
 import shutil
 import subprocess
-import sys
-from typing import NamedTuple
 
 import pytest
-
-from pushfric_core.commands import cli
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -37,24 +33,3 @@ def browser():
         browser = playwright.chromium.launch(executable_path=found, chromium_sandbox=os.geteuid() != 0)
         yield browser
         browser.close()
-
-
-class Said(NamedTuple):
-    """How a call of the command line ended, and what it printed."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """Calls the command line in this process, because a process of its own spends most of its time on imports."""
-
-    def called(*arguments):
-        monkeypatch.setattr(sys, "argv", ["pushfric", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-        return Said(ended.value.code or 0, *capsys.readouterr())
-
-    return called

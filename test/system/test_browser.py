@@ -605,8 +605,7 @@ def begins(state: PusherState) -> bool:
 
 
 def test_a_click_stops_a_push(browser, url, ros):
-    states: list[PusherState] = []
-    ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    states = ros.heard(ros.node("onlooker", namespace=graph.NAMESPACE), PusherState, "pusher_state", RELIABLE)
     with visit(browser, url) as page:
         page.evaluate(COUNT_TONES)
         page.locator("#sound").press("Enter")
@@ -640,8 +639,7 @@ def test_a_click_stops_a_push(browser, url, ros):
 
 def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
     """Its connection was cut before the push, and another button has the focus."""
-    states: list[PusherState] = []
-    ros.node("onlooker", namespace=graph.NAMESPACE).create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    states = ros.heard(ros.node("onlooker", namespace=graph.NAMESPACE), PusherState, "pusher_state", RELIABLE)
     context = browser.new_context()
     page = context.new_page()
     sockets = []

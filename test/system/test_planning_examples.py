@@ -7,9 +7,9 @@ import sys
 
 import push_to_pose
 import pytest
+from composition import made
 from rclpy.node import Node
 
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 
@@ -39,8 +39,7 @@ def test_the_planner_brings_the_object_nearer(asking, ros, monkeypatch, tmp_path
     small = {"STROKES": 4, "CANDIDATES": 40, "REFINEMENTS": (0.1, 0.03), "FARTHEST": (0.03, 0.03, 0.3), "STEP": 0.015}
     for name, value in small.items():
         monkeypatch.setattr(push_to_pose, name, value)
-    parameters = overrides({"object": "wood_rect4", "source": "observations"})
-    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=parameters), PlannerNode(namespace="/cell"))
+    ros.compose(made(EstimatorNode, object="wood_rect4", source="observations"), made(PlannerNode))
     courses = push_to_pose.run(asking("/cell"), "wood_rect4", [0])
     assert list(courses) == ["learned", "even", "true"]
     for (course,) in courses.values():
@@ -57,11 +56,11 @@ def asking(ros):
     """A function that makes a node that others do not spin."""
     nodes = []
 
-    def made(namespace):
+    def make(namespace):
         nodes.append(Node("push_to_pose", namespace=namespace))
         return nodes[-1]
 
-    yield made
+    yield make
     for node in nodes:
         node.destroy_node()
 
@@ -70,7 +69,7 @@ def test_a_node_that_is_missing_is_named(asking, ros, monkeypatch):
     monkeypatch.setattr(push_to_pose, "PATIENCE", 0.5)
     with pytest.raises(SystemExit, match="error: no planner in /elsewhere: start the nodes as the first lines"):
         push_to_pose.LearningPlanner(asking("/elsewhere"), "wood_rect3")
-    ros.compose(PlannerNode(namespace="/cell"))
+    ros.compose(made(PlannerNode))
     monkeypatch.setattr(push_to_pose, "PATIENCE", 5.0)
     with pytest.raises(SystemExit, match="error: no estimator in /cell: start the nodes as the first lines"):
         push_to_pose.LearningPlanner(asking("/cell"), "wood_rect3")

@@ -3,7 +3,6 @@
 import csv
 import pathlib
 import re
-import sys
 
 import pytest
 import yaml
@@ -46,21 +45,6 @@ def write(folder, files):
                 writer = csv.DictWriter(stream, content[0])
                 writer.writeheader()
                 writer.writerows(content)
-
-
-@pytest.fixture
-def ended(tmp_path, monkeypatch, capsys):
-    """A function that runs a command in a folder with these files, and returns its exit code and what it printed to stderr."""
-
-    def run(arguments, files):
-        write(tmp_path, files)
-        monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(sys, "argv", ["pushfric", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return end.value.code, capsys.readouterr().err
-
-    return run
 
 
 ESTIMATE = ("estimate", "data.csv", "--object", "object.yaml", "--json")
@@ -111,10 +95,12 @@ def test_every_option_is_in_si_units():
 
 
 @pytest.mark.parametrize(("arguments", "change", "question"), WRONG, ids=lambda one: str(one)[:60])
-def test_other_units_are_refused_with_a_question(ended, arguments, change, question):
-    code, error = ended(arguments, FILES | change)
-    assert code == 2
-    assert question in error.strip().splitlines()[-1]
+def test_other_units_are_refused_with_a_question(call, tmp_path, monkeypatch, arguments, change, question):
+    write(tmp_path, FILES | change)
+    monkeypatch.chdir(tmp_path)
+    said = call(*arguments)
+    assert said.returncode == 2
+    assert question in said.stderr.strip().splitlines()[-1]
 
 
 def test_the_document_names_the_bounds():

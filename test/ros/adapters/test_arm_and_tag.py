@@ -22,9 +22,8 @@ def test_an_arm_and_a_tag_give_the_friction_of_the_object(ros, tmp_path):
     specs = graph.cell(cell, str(tmp_path / "bag"))
     assert [spec.name for spec in specs] == ["recorder", "estimator", "pose_source", "tip_source"]
     node = ros.node("peer", namespace=cell.namespace)
-    estimates, states = [], []
-    node.create_subscription(FrictionEstimate, "friction_estimate", estimates.append, LATCHED)
-    node.create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", LATCHED)
+    states = ros.heard(node, PusherState, "pusher_state", RELIABLE)
     ros.compose(*compose(specs, cell.namespace))
     example = ros.compose(arm_and_tag.ArmAndTag(namespace=cell.namespace))
     done = []

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from composition import made
 from geometry_msgs.msg import Point, Pose, PoseStamped, PoseWithCovarianceStamped, Quaternion, TransformStamped
 
 from pushfric_core.bags.samples import pose_sample_from_msg
@@ -14,7 +15,6 @@ from pushfric_core.geometry.planar import compose, transform
 from pushfric_core.plugins import SOURCES, plugin
 from pushfric_ros.adapters.body import FIXED, MOVING, PoseStampedConfig, TransformsConfig
 from pushfric_ros.messages.types import message_class
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_QUEUE
 from pushfric_ros.nodes.pose_source import PoseSourceNode
 
@@ -115,11 +115,9 @@ def test_mounts_are_checked():
 
 def test_transforms_become_poses_of_the_object(ros):
     tf2 = pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
-    given = {"source": "transforms", "frame": "tag36h11:3", "reference": "table", "turn": 0.1}
-    ros.compose(PoseSourceNode(namespace="/cell", parameter_overrides=overrides(given)))
+    ros.compose(made(PoseSourceNode, source="transforms", frame="tag36h11:3", reference="table", turn=0.1))
     node = ros.node("detector", namespace="/cell")
-    seen = []
-    node.create_subscription(PoseWithCovarianceStamped, "object_pose", seen.append, SENSOR_QUEUE)
+    seen = ros.heard(node, PoseWithCovarianceStamped, "object_pose", SENSOR_QUEUE)
     fixed, moving = node.create_publisher(tf2.TFMessage, FIXED, LATCHED), node.create_publisher(tf2.TFMessage, MOVING, RELIABLE)
     down = about((1, 0, 0), math.pi)  # the camera looks down from 1 m
     fixed.publish(tf2.TFMessage(transforms=[transform_msg("table", "camera", (0.2, 0, 1), down)]))

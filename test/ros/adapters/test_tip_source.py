@@ -1,6 +1,7 @@
 """A tip source that is started again numbers its pushes on from the run's bag."""
 
 import pytest
+from composition import made
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.serialization import serialize_message
 
@@ -9,7 +10,6 @@ from pushfric_core.bags.resumption import PushCount
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.tip_source import TipSourceNode
 
@@ -57,12 +57,11 @@ def test_the_pushes_of_a_growing_bag_are_counted(bag):
 def test_a_tip_that_is_followed_again_goes_on_with_the_next_push(ros, bag):
     bag.write(state(1, 0), state(2, 1), state(3, PusherState.NO_PUSH))
     node = ros.node("robot", namespace="/cell")
-    states = []
-    node.create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    states = ros.heard(node, PusherState, "pusher_state", RELIABLE)
     tips = node.create_publisher(PoseStamped, "tip", SENSOR_DATA)
     poses = node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_QUEUE)
     given = {"object": NAME, "topic": "tip", "tip_radius": 0.003, "bag": str(bag.path)}
-    ros.compose(TipSourceNode(namespace="/cell", parameter_overrides=overrides(given)))
+    ros.compose(made(TipSourceNode, **given))
     ros.wait_for(lambda: tips.get_subscription_count() and poses.get_subscription_count(), what="the node")
     seconds = [10]
 

@@ -70,6 +70,12 @@ def until(pusher, condition):
     return reports
 
 
+def start_a_stroke(pusher):
+    """Start a slow stroke, and wait until it is well under way."""
+    pusher.move_to(0.05, 0.01)
+    until(pusher, lambda report: report.position > 0.005)
+
+
 def tip(device) -> np.ndarray:
     """Where the tip of the simulated arm is: (2,) on the table, and how high [m]."""
     place, axes, _ = example.forward(device.joints)
@@ -130,8 +136,7 @@ def test_a_stop_ends_the_motion(ros, device, kind):
 
 def test_an_arm_whose_driver_is_not_polled_stops_by_itself(ros, device, kind):
     with connected(kind, silence=1.0) as pusher:
-        pusher.move_to(0.05, 0.01)
-        until(pusher, lambda report: report.position > 0.005)
+        start_a_stroke(pusher)
         time.sleep(1.1)  # what is tested: nobody polls
         rest = at_rest(ros, device)
         with pytest.raises(Timeout, match=r"this process stood still for 1\.\d\d s"):
@@ -142,8 +147,7 @@ def test_an_arm_whose_driver_is_not_polled_stops_by_itself(ros, device, kind):
 
 def test_an_arm_that_is_not_seen_is_stopped(ros, device):
     with connected(silence=0.5) as pusher:
-        pusher.move_to(0.05, 0.01)
-        until(pusher, lambda report: report.position > 0.005)
+        start_a_stroke(pusher)
         device._count = -(10**9) * example.POSES + 1  # no more poses
         device._publish = lambda *_: None
         with pytest.raises(Timeout, match=r"no report of /base_link/tool0 for 0\.\d\d s in mid-stroke"):
@@ -180,8 +184,7 @@ def test_an_arm_that_stood_still_is_not_pulled_after(ros, kind, monkeypatch):
 
 def test_a_pose_that_is_none_ends_the_motion(ros, device):
     with connected() as pusher:
-        pusher.move_to(0.05, 0.01)
-        until(pusher, lambda report: report.position > 0.005)
+        start_a_stroke(pusher)
         nowhere = PoseStamped()
         nowhere.pose.position.x = math.nan
         device._pose_out.publish(nowhere)
@@ -193,8 +196,7 @@ def test_a_pose_that_is_none_ends_the_motion(ros, device):
 
 def test_a_tip_that_is_pushed_off_its_line_needs_a_person(ros, device):
     with connected() as pusher:
-        pusher.move_to(0.05, 0.01)
-        until(pusher, lambda report: report.position > 0.005)
+        start_a_stroke(pusher)
         before = device.joints.copy()
         aside = example.backward(example.forward(before)[0] + (0.0, 0.0, 0.004), example.DOWN, before)
         device.joints = aside  # 4 mm higher
@@ -236,8 +238,7 @@ def test_an_arm_that_moves_when_it_is_found_needs_a_person(ros, device):
 
 def test_after_a_suspension_a_person_is_asked(ros, device, monkeypatch):
     with connected() as pusher:
-        pusher.move_to(0.05, 0.01)
-        until(pusher, lambda report: report.position > 0.005)
+        start_a_stroke(pusher)
         slept = suspended() + 4.0
         monkeypatch.setattr("pushfric_core.pushers.clock.suspended", lambda: slept)
         with pytest.raises(Suspended, match=r"this computer was suspended for 4\.\d s"):

@@ -24,6 +24,7 @@ from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_ros.commands import topic_frames
+from pushfric_ros.messages.conversions import image_to_msg
 from pushfric_ros.node_kit.qos import SENSOR_DATA
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.0006)
@@ -73,18 +74,19 @@ def measured(*arguments):
     return invoked("calibrate", "tip", *arguments)
 
 
-def tip_pictures(folder, positions):
+def tip_pictures(cell):
+    """Write pictures of the tip along its stroke; returns the arguments that name them."""
+    folder, positions = cell.parent / "tip", np.linspace(0, STROKE, 8)
     folder.mkdir()
     camera = SimulatedCamera(CAMERA, TIP, 0.01, np.random.default_rng(1), foreground=80, background=20)
     for number, position in enumerate(positions):
         x, y = ORIGIN + position * DIRECTION
         cv2.imwrite(str(folder / f"{number:02}.png"), camera.render(Pose(x, y, 0.0)))
+    return "--source", folder, "--positions", ",".join(map(str, positions))
 
 
 def test_nothing_is_overwritten_unasked(cell):
-    before, positions = cell.read_text(), np.linspace(0, STROKE, 8)
-    tip_pictures(cell.parent / "tip", positions)
-    given = ("--source", cell.parent / "tip", "--positions", ",".join(map(str, positions)))
+    before, given = cell.read_text(), tip_pictures(cell)
     run = measured(cell, *given)
     assert isinstance(run.exception, InvalidInput)
     assert str(run.exception) == f"{cell} exists: give --force, or --out FOLDER to write elsewhere"
@@ -96,10 +98,7 @@ def test_nothing_is_overwritten_unasked(cell):
 
 
 def test_the_tip_is_written_into_the_cells_file(cell):
-    positions = np.linspace(0, STROKE, 8)
-    tip_pictures(cell.parent / "tip", positions)
-    listed = ",".join(map(str, positions))
-    run = measured(cell, "--source", cell.parent / "tip", "--positions", listed, "--force")
+    run = measured(cell, *tip_pictures(cell), "--force")
     assert run.exit_code == 0, run.output
     assert "cell.yaml: line_origin is " in run.stderr
     assert "# not measured yet" in cell.read_text()
@@ -135,8 +134,7 @@ def live_cell(cell, ros):
         def show() -> None:
             while not over.wait(0.04):
                 x, y = ORIGIN + controller.position() * DIRECTION
-                image = camera.render(Pose(x, y, 0.0))
-                out.publish(Image(height=480, width=640, encoding="mono8", step=640, data=image.tobytes()))
+                out.publish(image_to_msg(camera.render(Pose(x, y, 0.0)), 0))
 
         driver = threading.Thread(target=show)
         driver.start()
@@ -174,10 +172,7 @@ def test_ctrl_c_stops_the_pusher_and_writes_nothing(cell, ros):
 
 
 def test_the_keys_of_its_json_are_documented(cell):
-    positions = np.linspace(0, STROKE, 8)
-    tip_pictures(cell.parent / "tip", positions)
-    given = ["--source", cell.parent / "tip", "--positions", ",".join(map(str, positions)), "--force", "--json"]
-    told = json.loads(measured(cell, *given).stdout)
+    told = json.loads(measured(cell, *tip_pictures(cell), "--force", "--json").stdout)
     keys = {f"pusher.{key}" for key in told["pusher"]} | {"findings", "files"}
     table = DOCS.read_text().split("\n`calibrate tip`:\n\n")[1].split("\n\n")[0]
     assert keys == {key for row in re.findall(r"^\| (`.*?`) \|", table, re.MULTILINE) for key in re.findall("`(.*?)`", row)}

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import shutil
-import sys
 import tempfile
 import time
 
@@ -15,7 +14,7 @@ import yaml
 from sensor_msgs.msg import Image
 
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig
-from pushfric_core.commands import cli, dependencies
+from pushfric_core.commands import dependencies
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.pushers import serial_checks
@@ -153,13 +152,11 @@ def test_the_lock_of_the_cell_is_given_back(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("level", "code"), [(WARNING, 0), (FAILED, 1)])
-def test_the_exit_code_says_whether_a_check_failed(monkeypatch, capsys, level, code):
+def test_the_exit_code_says_whether_a_check_failed(monkeypatch, call, level, code):
     monkeypatch.setattr(doctor, "examine", lambda *_: [Check("port", level, "as it is")])
-    monkeypatch.setattr(sys, "argv", ["pushfric", "doctor", "--json"])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert (ended.value.code or 0) == code
-    assert json.loads(capsys.readouterr().out)["passed"] is (code == 0)
+    said = call("doctor", "--json")
+    assert said.returncode == code
+    assert json.loads(said.stdout)["passed"] is (code == 0)
 
 
 @pytest.mark.usefixtures("machine_is_well")

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from calls import PROGRAM, figures, invoked, pushfric
+from composition import made
 from problems import observations_of
 from semantic_damage import Recording
 
@@ -39,7 +40,6 @@ from pushfric_core.records import to_json
 from pushfric_msgs.msg import CenterOfFrictionRegion, FrictionEstimate, FrictionModel, Observation, Recognition
 from pushfric_msgs.srv import GetLimitSurface, PredictPush, StablePushes
 from pushfric_ros.messages.conversions import MODE_TO_MSG, observation_to_msg, report_from_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.planner_client import planner_client
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.estimator import EstimatorNode
@@ -109,18 +109,22 @@ def case(request, tmp_path):
     write_csv(tmp_path / "turned.csv", TURNED, np.column_stack(found.turned).tolist())
     model = load_object(str(found.folder / OBJECT_FILE))
     data = read_observations(tmp_path / "data.csv", model.outline)
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
-        encode = encoder("pushfric_msgs/msg/Observation")
-        for number, one in enumerate(data):
-            writer.write("/cell/observation", number, encode(observation_to_msg(one, model.name)))
-    save_object(model, tmp_path / "bag" / OBJECT_FILE)
+    write_bag(tmp_path / "bag", data, model)
     return found._replace(observations=data), model, tmp_path
 
 
 def write_csv(path, columns, rows):
     with path.open("w", newline="") as stream:
         csv.writer(stream).writerows((columns, *rows))
+
+
+def write_bag(path, observations, model):
+    with BagWriter(path) as writer:
+        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
+        encode = encoder("pushfric_msgs/msg/Observation")
+        for number, one in enumerate(observations):
+            writer.write("/cell/observation", number, encode(observation_to_msg(one, model.name)))
+    save_object(model, path / OBJECT_FILE)
 
 
 def plain(figures):
@@ -218,13 +222,11 @@ def by_node(ros, case, model):
     """The answers of the live nodes; the corners of a region come as float32."""
     node = ros.node("asking", namespace="/cell")
     ros.compose(PlannerNode(namespace="/cell"))
-    given = {"object": str(case.folder / OBJECT_FILE), "source": "observations"}
-    ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=overrides(given)))
+    ros.compose(made(EstimatorNode, object=str(case.folder / OBJECT_FILE), source="observations"))
     last, count = {}, len(case.observations)
     for kind, topic in TOPICS.items():
         node.create_subscription(kind, topic, lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
-    out = node.create_publisher(Observation, "observation", RELIABLE)
-    ros.wait_for(out.get_subscription_count, what="the estimator")
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
     for number, one in enumerate(case.observations, 1):  # without durations, stamps only say which observation is the last
         out.publish(observation_to_msg(replace(one, stamp=number), model.name))
     wanted = set(TOPICS) - (set() if model.hypotheses else {Recognition})
@@ -237,11 +239,10 @@ def by_node(ros, case, model):
     def ask(kind, **parts):
         client = planner_client(node, kind)
         ros.wait_for(client.service_is_ready, what=client.service_name)
-        answer = client.call_async(kind.Request(**parts))
-        ros.wait_for(answer.done, what=f"the answer of {client.service_name}")
-        assert answer.result().success, answer.result().message
-        assert answer.result().basis.data_points == count
-        return answer.result()
+        answer = ros.result(client.call_async(kind.Request(**parts)), f"the answer of {client.service_name}")
+        assert answer.success, answer.message
+        assert answer.basis.data_points == count
+        return answer
 
     def contacts(pushes):
         return {"contact_points": pushes.contact_points.ravel(), "contact_normals": pushes.contact_normals.ravel()}
@@ -338,15 +339,10 @@ def of_a_run(_):
 
 def of_observations(folder):
     """Observations alone, of pushes that do not show mu_c."""
-    model, known = load_object("wood_rect3"), TABLE_1["wood_rect3"]
-    with BagWriter(folder / "bag") as writer:
-        writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
-        encode = encoder("pushfric_msgs/msg/Observation")
-        for number, one in enumerate(
-            observations_of(known.outline, known.support, known.mu_c, 14, np.random.default_rng(5)), 1
-        ):
-            writer.write("/cell/observation", number, encode(observation_to_msg(replace(one, stamp=number), model.name)))
-    save_object(model, folder / "bag" / OBJECT_FILE)
+    known = TABLE_1["wood_rect3"]
+    data = observations_of(known.outline, known.support, known.mu_c, 14, np.random.default_rng(5))
+    stamped = [replace(one, stamp=number) for number, one in enumerate(data, 1)]
+    write_bag(folder / "bag", stamped, load_object("wood_rect3"))
     return folder / "bag"
 
 
@@ -388,14 +384,13 @@ def replayed(ros, bag, friction, folder):
             client = planner_client(node, PredictPush)
             ros.wait_for(lambda: len(last) == 2 and client.service_is_ready(), what="the estimate and the model that stay")
             pushed = {"contact_points": [0.0, -0.03], "contact_normals": [0.0, -1.0], "tip_velocities": [0.0, 0.02]}
-            answer = client.call_async(PredictPush.Request(**pushed))
-            ros.wait_for(answer.done, what="the answer of the planner")
+            answer = ros.result(client.call_async(PredictPush.Request(**pushed)), "the answer of the planner")
         finally:
             process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
     expected = predict(friction, [[0.0, -0.03]], [[0.0, -1.0]], [[0.0, 0.02]])
-    assert [list(answer.result().twists)] == expected.twists.tolist()
-    assert list(answer.result().covariances) == expected.covariance.ravel().tolist()
+    assert [list(answer.twists)] == expected.twists.tolist()
+    assert list(answer.covariances) == expected.covariance.ravel().tolist()
     samples, model = np.array(last[FrictionModel].w).reshape(-1, len(friction.support.weights)), last[FrictionModel]
     assert [samples.tolist(), list(model.mu_c), list(model.weights), model.misfit, model.sliding_misfit] == [
         *(friction.w.tolist(), friction.mu_c.tolist(), friction.share.tolist(), friction.misfit, friction.sliding_misfit)

@@ -4,19 +4,18 @@ import re
 import time
 
 import pytest
+from composition import made
 from stage import STAGE
 
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.person import NoAnswer, Person, line
 from pushfric_ros.nodes.actuator import ActuatorNode
 
 
 def test_a_person_jogs_stops_and_resets(ros):
     with SimulatedGrbl(time.monotonic) as controller, Person("/person_cell") as person:
-        given = overrides({"port": controller.port, **STAGE})
-        ros.compose(ActuatorNode(namespace="/person_cell", parameter_overrides=given))
+        ros.compose(made(ActuatorNode, "/person_cell", port=controller.port, **STAGE))
 
         def wait_for_idle() -> PusherState:
             deadline = time.monotonic() + 60

@@ -13,6 +13,7 @@ import termios
 import time
 
 import pytest
+from calls import wait_until
 
 from pushfric_ros.graph import fork_server
 from pushfric_ros.graph.fork_server import ForkServer, ServerGone
@@ -26,9 +27,7 @@ WAITS = "import time\nprint('waits', flush=True)\ntime.sleep(300)"
 @pytest.fixture(scope="module")
 def server():
     with contextlib.closing(ForkServer()) as server:
-        deadline = time.monotonic() + PATIENCE
-        while not server.ready(0.1):
-            assert time.monotonic() < deadline
+        wait_until(lambda: server.ready(0.1), "a server that can fork", PATIENCE)
         yield server
 
 

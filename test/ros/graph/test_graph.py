@@ -30,9 +30,8 @@ def specs(tmp_path):
 
 def test_the_composed_graph_carries_out_a_plan(ros, specs, tmp_path):
     node = ros.node("peer", namespace=graph.NAMESPACE)
-    estimates, progress = [], []
-    node.create_subscription(FrictionEstimate, "friction_estimate", estimates.append, LATCHED)
-    node.create_subscription(PlanProgress, "plan_progress", progress.append, LATCHED)
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", LATCHED)
+    progress = ros.heard(node, PlanProgress, "plan_progress", LATCHED)
     ros.compose(*compose(specs, graph.NAMESPACE))
     ros.wait_for(lambda: progress and progress[-1].completed == 2, timeout=120.0, what="the end of the plan")
     ros.wait_for(lambda: estimates and estimates[-1].pushes == 2, what="an estimate from both pushes")

@@ -5,10 +5,10 @@ import pathlib
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from ament_index_python.packages import get_package_prefix
+from calls import wait_until
 
 from pushfric_ros.graph.supervisor import scratch_folder
 from pushfric_ros.node_kit.executable import PARENT
@@ -30,13 +30,6 @@ signal.pause()
 """
 
 
-def await_(predicate, seconds=120.0):
-    deadline = time.monotonic() + seconds
-    while not predicate():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def test_a_folder_goes_with_its_context():
     with scratch_folder() as folder:
         (folder / "file").touch()
@@ -50,7 +43,7 @@ def test_a_folder_goes_with_a_process_that_is_killed(number):
     assert (folder / "file").exists()
     process.send_signal(number)
     process.communicate(timeout=120)
-    await_(lambda: not folder.exists())
+    wait_until(lambda: not folder.exists(), "the end of the folder")
 
 
 def test_a_node_ends_with_what_launched_it():
@@ -69,7 +62,7 @@ def test_a_node_ends_with_what_launched_it():
             return True
 
     try:
-        await_(ended)
+        wait_until(ended, "the end of the node")
     except AssertionError:
         os.kill(pid, signal.SIGKILL)
         raise

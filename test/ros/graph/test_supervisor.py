@@ -9,6 +9,7 @@ import tempfile
 import time
 
 import pytest
+from calls import wait_until
 
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.graph import supervisor
@@ -71,10 +72,7 @@ def test_a_node_that_fails_at_the_end_is_known(monkeypatch):
     fails = "import signal, sys; signal.signal(15, lambda *_: sys.exit(1)); print('ready', flush=True); signal.pause()"
     said: list[str] = []
     with Supervisor([node("other", WAITS), node("recorder", fails)], NAME, lambda *line: said.append(line)) as nodes:
-        deadline = time.monotonic() + 60
-        while not said:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: said, "the word that it is ready", 60.0)
         assert nodes.poll() is None
     assert nodes.failed_at_the_end == (1, "recorder ended with exit code 1")
 

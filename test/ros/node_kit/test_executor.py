@@ -1,8 +1,7 @@
 """The executor of the nodes calls all that is ready, in the middleware as it is."""
 
-import time
-
 import pytest
+from calls import wait_until
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -27,10 +26,7 @@ class Spun:
         self.executor.add_node(self.node)
 
     def until(self, done, what: str) -> None:
-        deadline = time.monotonic() + 60
-        while not done():
-            assert time.monotonic() < deadline, what
-            self.executor.spin_once(timeout_sec=0.1)
+        wait_until(lambda: done() or self.executor.spin_once(timeout_sec=0.1), what, 60.0)
 
     def timer(self, callback, period: float = AT_ONCE):
         return self.node.create_timer(period, callback, clock=STEADY)

@@ -8,13 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-import uuid
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
 import pytest
 from action_msgs.msg import GoalStatus
 from calls import wait_until
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
@@ -24,7 +24,6 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
-from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.position_memory import PositionMemory
@@ -34,7 +33,6 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.diagnostics import DiagnosticStatus
 from pushfric_ros.node_kit.heartbeat import Heartbeat
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.stop_button import press
 from pushfric_ros.nodes.actuator import ActuatorNode
@@ -97,13 +95,12 @@ class Cell:
 
     def __init__(self, ros, port, **parameters) -> None:
         self.ros = ros
-        self.states: list[PusherState] = []
         self.feedback: list[Push.Feedback] = []
         self.health: list[DiagnosticStatus] = []
         namespace = f"/cell_{next(NUMBERS)}"  # a new one, as nodes of earlier tests may live on until Python collects them
         # the executor gets it before it asks for anything, so that no state is missed
         self._other = ros.node("other", namespace=namespace)
-        self._other.create_subscription(PusherState, "pusher_state", self.states.append, RELIABLE)
+        self.states = ros.heard(self._other, PusherState, "pusher_state", RELIABLE)
         self._other.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.health.extend(msg.status), RELIABLE)
         self._client = ActionClient(self._other, Push, "push")
         self.heartbeat = Heartbeat(self._other)
@@ -113,8 +110,7 @@ class Cell:
         self._reset = self._other.create_client(Trigger, "actuator/reset")
         self._change = self._other.create_client(ChangeState, "actuator/change_state")
         self._get = self._other.create_client(GetState, "actuator/get_state")
-        self.node = ActuatorNode(namespace=namespace, parameter_overrides=overrides({"port": str(port), **LINE, **parameters}))
-        ros.compose(self.node)
+        self.node = ros.compose(made(ActuatorNode, namespace, port=str(port), **LINE | parameters))
 
     def wait_for_mode(self, mode: int) -> None:
         self.ros.wait_for(lambda: self.states and self.states[-1].mode == mode, what=f"mode {mode}")
@@ -130,18 +126,12 @@ class Cell:
     def send(self, distance=0.03, speed=0.08, retract=False, push_id=7, owner=True):
         """Send a goal and return its handle."""
         goal = Push.Goal(push_id=push_id, distance=distance, speed=speed, retract=retract)
-        owned = uuid.uuid4().bytes
-        if owner:
-            self.heartbeat.own(owned)
-        given = {"goal_uuid": UUID(uuid=list(owned)), "feedback_callback": lambda msg: self.feedback.append(msg.feedback)}
-        answer = self._client.send_goal_async(goal, **given)
-        self.ros.wait_for(answer.done, what="the answer to the goal")
-        return answer.result()
+        given = goal, lambda msg: self.feedback.append(msg.feedback)
+        answer = self.heartbeat.send(self._client, *given) if owner else self._client.send_goal_async(*given)
+        return self.ros.result(answer, "the answer to the goal")
 
     def result(self, handle) -> SimpleNamespace:
-        answer = handle.get_result_async()
-        self.ros.wait_for(answer.done, what="the result")
-        return answer.result()
+        return self.ros.result(handle.get_result_async(), "the result")
 
     def reset(self) -> Trigger.Response:
         return self._call(self._reset, Trigger.Request())
@@ -156,9 +146,7 @@ class Cell:
 
     def _call(self, client, request):
         self.ros.wait_for(client.service_is_ready, what=client.srv_name)
-        answer = client.call_async(request)
-        self.ros.wait_for(answer.done, what=f"the answer of {client.srv_name}")
-        return answer.result()
+        return self.ros.result(client.call_async(request), f"the answer of {client.srv_name}")
 
     def halfway(self, controller: SimulatedGrbl, **goal):
         """Start a motion that lasts longer than any timeout; return the handle of its goal."""
@@ -272,8 +260,7 @@ def under_way_without(cell: Cell, controller: SimulatedGrbl, link, what: str) ->
     if what == "tracker":
         return Heartbeat(cell.ros.node("tracker", namespace=cell.node.get_namespace())).end
     if what == "stop topic":
-        out = cell._other.create_publisher(Empty, "stop", RELIABLE)
-        cell.ros.wait_for(out.get_subscription_count, what="the actuator's subscription")
+        out = cell.ros.publisher(cell._other, Empty, "stop", RELIABLE)
         return lambda: out.publish(Empty())
     return {
         "owner": lambda: cell.heartbeat.own(None),
@@ -714,10 +701,8 @@ def test_a_signal_stops_the_pusher_and_its_client_is_told(controller, tmp_path):
 
 
 PUSH = """
-import uuid
 import rclpy
 from rclpy.action import ActionClient
-from unique_identifier_msgs.msg import UUID
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.node_kit.heartbeat import Heartbeat
@@ -732,10 +717,7 @@ client = ActionClient(node, Push, "push")
 heartbeat = Heartbeat(node)
 client.wait_for_server()
 while True:
-    owned = uuid.uuid4().bytes
-    heartbeat.own(owned)
-    goal = Push.Goal(push_id=1, distance=0.08, speed=0.004)
-    answer = client.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned)))
+    answer = heartbeat.send(client, Push.Goal(push_id=1, distance=0.08, speed=0.004))
     rclpy.spin_until_future_complete(node, answer)
     if answer.result().accepted:
         break

@@ -1,6 +1,5 @@
 """A pusher and a tracker of another package in the real nodes, chosen by name in a cell's file, without an edit in pushfric."""
 
-import array
 import importlib
 import pathlib
 import sys
@@ -21,7 +20,7 @@ from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.commands import doctor
 from pushfric_ros.graph import graph
-from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.conversions import image_to_msg
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.actuator import ActuatorNode
 from pushfric_ros.nodes.tracker import TrackerNode
@@ -116,20 +115,18 @@ def overrides(cell, name) -> list[Parameter]:
 
 def test_a_pusher_from_outside_pushes(ros, package, write):
     cell = load_cell(write(pusher={"owner_timeout": 0}))
-    peer, states = ros.node("peer", namespace="/cell"), []
-    peer.create_subscription(PusherState, "pusher_state", states.append, RELIABLE)
+    peer = ros.node("peer", namespace="/cell")
+    states = ros.heard(peer, PusherState, "pusher_state", RELIABLE)
     client = ActionClient(peer, Push, "push")
     alone = [override for override in overrides(cell, "actuator") if override.name != "requires"]  # no other node runs here
     node = ros.compose(ActuatorNode(namespace="/cell", parameter_overrides=alone))
     assert node.get_parameter("backlash").value == 0.0002
     ros.wait_for(lambda: states and states[-1].mode == PusherState.MODE_IDLE, what="a pusher that is ready")
     ros.wait_for(client.server_is_ready, what="the action server")
-    answer = client.send_goal_async(Push.Goal(push_id=3, distance=0.03, speed=0.06))
-    ros.wait_for(answer.done, what="the answer to the goal")
-    result = answer.result().get_result_async()
-    ros.wait_for(result.done, what="the end of the push")
-    assert result.result().status == GoalStatus.STATUS_SUCCEEDED
-    assert result.result().result.travelled == pytest.approx(0.03, abs=0.003)  # as last reported
+    handle = ros.result(client.send_goal_async(Push.Goal(push_id=3, distance=0.03, speed=0.06)), "the answer to the goal")
+    ended = ros.result(handle.get_result_async(), "the end of the push")
+    assert ended.status == GoalStatus.STATUS_SUCCEEDED
+    assert ended.result.travelled == pytest.approx(0.03, abs=0.003)  # as last reported
     ros.wait_for(lambda: states[-1].position == pytest.approx(0.03), what="a report from the end of the stroke")
     assert (states[-1].tip.x, states[-1].tip.y) == pytest.approx((0.1, 0.03))
     assert 3 in {state.push_id for state in states}
@@ -145,9 +142,7 @@ def test_a_tracker_from_outside_finds_its_object(ros, package, write):
     picture = np.full((240, 320), 190, np.uint8)
     ((u, v),) = CAMERA.project(np.array([(0.03, 0.05)])).round().astype(int)
     picture[v - 2 : v + 3, u - 2 : u + 3] = 255
-    msg = Image(height=240, width=320, encoding="mono8", step=320, data=array.array("B", picture.tobytes()))
-    msg.header.stamp = stamp_to_msg(10**18)
-    images.publish(msg)
+    images.publish(image_to_msg(picture, 10**18))
     ros.wait_for(lambda: poses, what="a pose")
     place = poses[0].pose.pose.position
     assert (place.x, place.y) == pytest.approx((0.03, 0.05), abs=6e-4)

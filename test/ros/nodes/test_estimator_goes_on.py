@@ -9,12 +9,13 @@ from functools import partial
 
 import numpy as np
 import pytest
+from composition import made
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from problems import observations_of
 from rclpy.serialization import serialize_message
 from semantic_damage import STREAMS, Recording
 from std_srvs.srv import Trigger
-from test_estimator_node import NAME, call, collect, pose_msg, publisher, push, pusher_msg
+from test_estimator_node import NAME, call, pose_msg, push, pusher_msg
 
 from pushfric_core import TABLE_1, Estimator, InvalidInput, Pose, Trajectory
 from pushfric_core.bags.bag import Bag
@@ -32,7 +33,6 @@ from pushfric_msgs.msg import EstimationStart, EstimatorProgress, FrictionEstima
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.graph.graph import TOPICS
 from pushfric_ros.messages.conversions import observation_to_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.recorder import RecorderNode
@@ -42,10 +42,6 @@ START = 10**18
 LONG = 240.0
 MODEL = load_object(NAME)
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 9, np.random.default_rng(5))
-
-
-def made(node_class, **parameters):
-    return node_class(namespace="/cell", parameter_overrides=overrides(parameters))
 
 
 def kept(path, data):
@@ -80,11 +76,11 @@ class Cell:
         topics = [" ".join(topic) for topic in TOPICS]
         recording = {"bag": str(bag), "object": NAME, "topics": topics, "model": parameters.get("model", "")}
         self.recorder = ros.compose(made(RecorderNode, **recording))
-        self.told = collect(ros, self.node, Observation, "observation", RELIABLE)
-        self.estimates = collect(ros, self.node, FrictionEstimate, "friction_estimate", LATCHED)
-        self.poses = publisher(ros, self.node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
-        self.states = publisher(ros, self.node, PusherState, "pusher_state", RELIABLE)
-        self.progress = collect(ros, self.node, EstimatorProgress, "estimator_progress", LATCHED)
+        self.told = ros.heard(self.node, Observation, "observation", RELIABLE)
+        self.estimates = ros.heard(self.node, FrictionEstimate, "friction_estimate", LATCHED)
+        self.poses = ros.publisher(self.node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+        self.states = ros.publisher(self.node, PusherState, "pusher_state", RELIABLE)
+        self.progress = ros.heard(self.node, EstimatorProgress, "estimator_progress", LATCHED)
         self.start()
         self.warm_up()
 
@@ -249,12 +245,11 @@ def test_a_model_serves_the_object_that_it_is_of(ros, tmp_path):
     assert chosen(NAME) == f"estimation of {NAME} starts; it goes on from {path}"
     other = f"estimation of wood_rect3 starts; it does not use the model of {NAME}, {path}"
     assert chosen("wood_rect3") == other
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", LATCHED)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", LATCHED)
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
     out.publish(observation_to_msg(DATA[3], "wood_rect3"))
     ros.wait_for(lambda: estimates and estimates[-1].data_points == 1, LONG, "an estimate")
-    ros.take_out(estimator)
-    estimator.destroy_node()
+    ros.end(estimator)
     assert (tmp_path / "model.yaml").read_bytes() == before  # it is not lost to the other object
 
 
@@ -305,7 +300,7 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
 
 def as_it_came(messages, afresh=False):
     """The ledger of an estimator to which these messages of a bag come, when they were recorded."""
-    node = EstimatorNode(namespace="/cell", parameter_overrides=overrides({"object": str(DEMO / "object.yaml")}))
+    node = made(EstimatorNode, object=str(DEMO / "object.yaml"))
     bag = Bag(DEMO)
     if afresh:
         node._start_afresh(node._now.chosen)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped, WrenchStamped
 from problems import observations_of
@@ -28,7 +29,6 @@ from pushfric_msgs.msg import (
 )
 from pushfric_msgs.srv import SelectObject, SelectPush
 from pushfric_ros.messages.conversions import observation_to_msg, pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.estimator import EstimatorNode
 
@@ -37,28 +37,12 @@ FRAME = round(1e9 / 14)
 DATA = observations_of(TABLE_1[NAME].outline, TABLE_1[NAME].support, 0.5, 5, np.random.default_rng(5))
 
 
-def estimator(**parameters):
-    return EstimatorNode(namespace="/cell", parameter_overrides=overrides(parameters))
-
-
-def collect(ros, node, kind, topic, qos):
-    got = []
-    node.create_subscription(kind, topic, got.append, qos)
-    return got
-
-
-def publisher(ros, node, kind, topic, qos):
-    out = node.create_publisher(kind, topic, qos)
-    ros.wait_for(out.get_subscription_count, what=f"a subscriber of {topic}")
-    return out
-
-
 def estimator_of_observations(ros, **parameters):
     """A node next to a running estimator, its publisher of observations, and the list of estimates it receives."""
     node = ros.node("peer", namespace="/cell")
-    ros.compose(estimator(object=NAME, source="observations", **parameters))
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.compose(made(EstimatorNode, object=NAME, source="observations", **parameters))
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     return node, out, estimates
 
@@ -66,10 +50,10 @@ def estimator_of_observations(ros, **parameters):
 def estimator_of_samples(ros, **parameters):
     """A node next to a running estimator, a function that sends it messages, and the observations that it makes of them."""
     node = ros.node("peer", namespace="/cell")
-    ros.compose(estimator(object=NAME, **parameters))
-    observations = collect(ros, node, Observation, "observation", RELIABLE)
-    poses = publisher(ros, node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
-    states = publisher(ros, node, PusherState, "pusher_state", RELIABLE)
+    ros.compose(made(EstimatorNode, object=NAME, **parameters))
+    observations = ros.heard(node, Observation, "observation", RELIABLE)
+    poses = ros.publisher(node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
+    states = ros.publisher(node, PusherState, "pusher_state", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("observation"), what="the estimator")
     return node, lambda msg: (states if isinstance(msg, PusherState) else poses).publish(msg), observations
 
@@ -110,8 +94,8 @@ def push(push_id, start):
 
 def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
     node, send, observations = estimator_of_samples(ros)
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
-    progress = collect(ros, node, EstimatorProgress, "estimator_progress", LATCHED)
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
+    progress = ros.heard(node, EstimatorProgress, "estimator_progress", LATCHED)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     model = Estimator(load_object(NAME).support_points)
     for push_id in range(2):
@@ -143,7 +127,7 @@ def test_the_belief_comes_when_a_push_is_over(ros, monkeypatch):
     """However short the pause before the next one is."""
     monkeypatch.setattr("pushfric_ros.nodes.estimator.rest.QUIET", 1e6)
     node, send, observations = estimator_of_samples(ros)
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
     for msg in push(0, 10**18):
         send(msg)
     ros.wait_for(lambda: len(observations) == len(estimates) == 4, what="the estimates of a push")
@@ -154,7 +138,7 @@ def test_the_belief_comes_when_a_push_is_over(ros, monkeypatch):
 
 def test_a_pause_within_a_push_is_told_in_the_diagnostics(ros):
     node, send, observations = estimator_of_samples(ros)
-    reports = collect(ros, node, DiagnosticArray, "/diagnostics", RELIABLE)
+    reports = ros.heard(node, DiagnosticArray, "/diagnostics", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     for number, msg in enumerate(push(0, 10**18)):
         if number % 2 or number not in range(40, 52):  # six poses in a row did not come
@@ -185,9 +169,7 @@ def test_bad_messages_are_refused_and_change_nothing(ros):
 def call(ros, node, kind, name, request):
     client = node.create_client(kind, name)
     assert client.wait_for_service(10.0)
-    future = client.call_async(request)
-    ros.wait_for(future.done, what=f"the answer of {name}")
-    return future.result()
+    return ros.result(client.call_async(request), f"the answer of {name}")
 
 
 def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
@@ -221,10 +203,10 @@ def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
 def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
     node = ros.node("peer", namespace="/cell")
     given = {"region_margin": 0.01, "slipping_pushes": [0, 2], "exclude_pushes": [1]}
-    ros.compose(estimator(object=NAME, source="observations", **given))
-    regions = collect(ros, node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
-    frictions = collect(ros, node, ContactFriction, "contact_friction", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
+    ros.compose(made(EstimatorNode, object=NAME, source="observations", **given))
+    regions = ros.heard(node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
+    frictions = ros.heard(node, ContactFriction, "contact_friction", RELIABLE)
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("contact_friction"), what="the estimator")
     core, half_planes = Estimator(load_object(NAME).support_points), HalfPlanes(TABLE_1[NAME].outline, 0.01)
     for observation in DATA[:4]:
@@ -236,7 +218,7 @@ def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
     slipping = estimate.contact_friction[:2]  # of the pushes 0 and 2
     assert list(frictions[-1].slipping) == [slipping.min(), slipping.max()]
     assert sum(frictions[-1].histogram) == 3
-    markers = collect(ros, node, MarkerArray, "markers", LATCHED)
+    markers = ros.heard(node, MarkerArray, "markers", LATCHED)
     ros.wait_for(lambda: markers, what="the markers")
     assert {"center_of_friction_region", "next_push"} <= {marker.ns for marker in markers[-1].markers}
 
@@ -250,8 +232,8 @@ def wrench_msg(stamp, force):
 
 def test_measured_forces_reach_the_estimate(ros):
     node, send, observations = estimator_of_samples(ros, terms=["moment", "force"])
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
-    wrenches = publisher(ros, node, WrenchStamped, "wrench", RELIABLE)
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
+    wrenches = ros.publisher(node, WrenchStamped, "wrench", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     wrong = wrench_msg(10**18 - 1, (1.0, 0.0))
     wrong.header.frame_id = "sensor"
@@ -270,10 +252,10 @@ def test_measured_forces_reach_the_estimate(ros):
 
 def test_a_clock_that_jumps_back_restarts_the_estimate(ros):
     node = ros.node("peer", namespace="/cell")
-    live = ros.compose(estimator(object=NAME, source="observations", use_sim_time=True))
-    estimates = collect(ros, node, FrictionEstimate, "friction_estimate", RELIABLE)
-    out = publisher(ros, node, Observation, "observation", RELIABLE)
-    clock = publisher(ros, node, Clock, "/clock", RELIABLE)
+    live = ros.compose(made(EstimatorNode, object=NAME, source="observations", use_sim_time=True))
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
+    out = ros.publisher(node, Observation, "observation", RELIABLE)
+    clock = ros.publisher(node, Clock, "/clock", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     for count, seconds in ((1, 100), (2, 101), (4, 50)):
         clock.publish(Clock(clock=stamp_to_msg(seconds * 10**9)))
@@ -305,7 +287,7 @@ def latest(ros, node):
 
 def test_an_excluded_push_stays_excluded_until_a_reset(ros):
     node, out, estimates = estimator_of_observations(ros)
-    settings = collect(ros, node, String, "estimator_settings", LATCHED)
+    settings = ros.heard(node, String, "estimator_settings", LATCHED)
     parts = latest(ros, node)
     data = [observation_to_msg(replace(observation, push_id=7), NAME) for observation in DATA[:2]]
     out.publish(data[0])
@@ -335,7 +317,7 @@ def test_an_excluded_push_stays_excluded_until_a_reset(ros):
 def test_contradicting_data_give_a_status_and_no_values(ros):
     node, out, estimates = estimator_of_observations(ros)
     parts = latest(ros, node)
-    reports = collect(ros, node, DiagnosticArray, "/diagnostics", RELIABLE)
+    reports = ros.heard(node, DiagnosticArray, "/diagnostics", RELIABLE)
 
     def said(level, words):
         return any(one.level == level and words in one.message for report in reports for one in report.status)
@@ -362,4 +344,4 @@ def test_contradicting_data_give_a_status_and_no_values(ros):
 )
 def test_bad_parameters_are_refused_with_a_reason(ros, parameters, error):
     with pytest.raises(InvalidInput, match=error):
-        estimator(**parameters)
+        made(EstimatorNode, **parameters)

@@ -6,6 +6,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.action import ActionServer, GoalResponse
@@ -26,7 +27,6 @@ from pushfric_msgs.msg import TestPush as Candidate
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.heartbeat import Heartbeat
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.visit import visit
 from pushfric_ros.nodes import experiment
@@ -55,9 +55,9 @@ def controller(tmp_path):
 class Table:
     """The table as the experiment sees it: poses of an object that lies where the test, or the prompt, puts it."""
 
-    def __init__(self, ros, tmp_path, actuator=None, period=0.02, **parameters) -> None:
-        self.ros, self.obedient, self.object = ros, True, AWAY
-        self.visible = self.observed = True
+    def __init__(self, ros, tmp_path, actuator=None, period=0.02, obedient=True, observed=True, **parameters) -> None:
+        self.ros, self.obedient, self.observed, self.object = ros, obedient, observed, AWAY
+        self.visible = True
         self.wanted: list[Pose] = []
         self.progress: list[PlanProgress] = []
         self.states: list[PusherState] = []
@@ -84,13 +84,8 @@ class Table:
                  "still": STILL, "awaits": ["estimator"]}  # fmt: skip
         time_of = {name: value for name, value in parameters.items() if name == "use_sim_time"}
         if actuator is None:
-            self.actuator = ros.compose(
-                ActuatorNode(
-                    namespace="/cell", parameter_overrides=overrides({"port": str(tmp_path / "port"), **STAGE} | time_of)
-                )
-            )
-        self.node = ExperimentNode(namespace="/cell", parameter_overrides=overrides(given | parameters))
-        ros.compose(self.node)
+            self.actuator = ros.compose(made(ActuatorNode, port=str(tmp_path / "port"), **STAGE, **time_of))
+        self.node = ros.compose(made(ExperimentNode, **given | parameters))
 
     def _on_placement(self, msg: PoseStamped) -> None:
         self.wanted.append(pose_from_msg(msg.pose))
@@ -162,9 +157,7 @@ class Table:
     def call(self, service: str) -> bool:
         client = self._node.create_client(Trigger, service)
         self.ros.wait_for(client.service_is_ready, what=service)
-        answer = client.call_async(Trigger.Request())
-        self.ros.wait_for(answer.done, what=f"the answer of {service}")
-        return answer.result().success
+        return self.ros.result(client.call_async(Trigger.Request()), f"the answer of {service}").success
 
     def choose(self, choice: str) -> None:
         """Wait until a person is asked what becomes of an aborted push, and answer."""
@@ -262,8 +255,7 @@ def test_a_push_waits_for_the_nodes_that_listen(ros, controller, tmp_path):
 
 
 def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, tmp_path):
-    table = Table(ros, tmp_path)
-    table.obedient = False
+    table = Table(ros, tmp_path, obedient=False)
     table.object = Pose(0.5, 0.5, 0.0)
     table.wait_for_message("move it by about")
     wanted = table.wanted[0]
@@ -287,8 +279,7 @@ def test_the_operator_is_told_what_is_wrong_with_the_placement(ros, controller, 
 
 
 def test_an_emergency_stop_at_rest_is_told_at_once_and_the_run_goes_on_after_it(ros, controller, tmp_path):
-    table = Table(ros, tmp_path, start=3)
-    table.obedient = False
+    table = Table(ros, tmp_path, start=3, obedient=False)
     table.wait_for_message("push 3 of 3: place the object at")
     controller.hold_in_reset(True)
     assert table.wait_for_message(ALARM).phase == PlanProgress.PHASE_ALARM
@@ -319,8 +310,7 @@ def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):
 
 
 def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, controller, tmp_path, capfd):
-    table = Table(ros, tmp_path, speed=0.02)
-    table.obedient = False
+    table = Table(ros, tmp_path, speed=0.02, obedient=False)
     table.wait_for_message("push 1 of 3: place the object at")
     assert table.call("experiment/skip")
     table.wait_for_message("push 2 of 3: place the object at")
@@ -422,8 +412,7 @@ def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, t
     table = Table(ros, tmp_path)
     table.wait_for_message("another cell named /cell is running on this ROS domain: end it")
     assert all(state.push_id == PusherState.NO_PUSH for state in table.states)
-    ros.take_out(other)
-    other.destroy_node()
+    ros.end(other)
     assert table.wait_for_end().completed == 3
 
 
@@ -499,8 +488,7 @@ def test_a_push_that_a_pause_ended_is_repeated_without_a_person(ros, controller,
 
 @pytest.mark.parametrize("why", ["it moved nothing", "the tracker stood still"])
 def test_a_push_that_gave_no_observation_is_named_at_once_and_can_be_repeated(ros, controller, tmp_path, capfd, why):
-    table = Table(ros, tmp_path, lost_object=0.5, start=2)
-    table.observed = False
+    table = Table(ros, tmp_path, lost_object=0.5, start=2, observed=False)
     if why == "the tracker stood still":
         table.settled = 0
         ros.wait_for(lambda: controller.position() > 0.01, 60.0, "the push")
@@ -517,8 +505,7 @@ def test_a_push_that_gave_no_observation_is_named_at_once_and_can_be_repeated(ro
 
 
 def test_a_push_that_was_half_seen_can_be_repeated_too(ros, controller, tmp_path):
-    table = Table(ros, tmp_path, start=2)
-    table.observed = False
+    table = Table(ros, tmp_path, start=2, observed=False)
     ros.wait_for(table._observation_out.get_subscription_count, 60.0, "the subscription to observations")
     for push_id, count in ((0, 5), (1, 2), (4, 3), (2, 5)):
         for second in range(count):
@@ -535,8 +522,7 @@ def test_a_push_that_was_half_seen_can_be_repeated_too(ros, controller, tmp_path
 @pytest.mark.parametrize("estimator", [True, False])
 def test_a_push_without_observations_counts_as_lost_where_nobody_attends(ros, controller, tmp_path, monkeypatch, estimator):
     """The estimator is told to leave it out, if there is one; else the run ends all the same, after LAST_WORDS."""
-    table = Table(ros, tmp_path, attended=False, start=3)
-    table.observed = False
+    table = Table(ros, tmp_path, attended=False, start=3, observed=False)
     if not estimator:
         table._node.destroy_service(table._estimator)
         monkeypatch.setattr(experiment, "LAST_WORDS", 0.5)
@@ -545,8 +531,8 @@ def test_a_push_without_observations_counts_as_lost_where_nobody_attends(ros, co
 
 
 def test_an_estimator_that_is_behind_is_awaited_after_a_push(ros, controller, tmp_path):
-    table = Table(ros, tmp_path, start=3)
-    table.observed, table.settled = False, 0
+    table = Table(ros, tmp_path, start=3, observed=False)
+    table.settled = 0
     waiting = table.wait_for_message("push 3 of 3: waiting for its observations")
     assert waiting.phase == PlanProgress.PHASE_PUSHING
     table._observation_out.publish(Observation(push_id=2))
@@ -556,8 +542,7 @@ def test_an_estimator_that_is_behind_is_awaited_after_a_push(ros, controller, tm
 
 def test_an_observation_that_comes_after_the_word_of_it_is_awaited(ros, controller, tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "LATE", 1000.0)
-    table = Table(ros, tmp_path, start=3)
-    table.observed = False
+    table = Table(ros, tmp_path, start=3, observed=False)
     table.wait_for_message("push 3 of 3: place the object at")
     table.newest = 1
     table.wait_for_message("push 3 of 3: waiting for its observations")
@@ -569,8 +554,7 @@ def test_an_observation_that_comes_after_the_word_of_it_is_awaited(ros, controll
 
 def test_a_plan_has_not_ended_before_the_estimator_leaves_out_what_it_must(ros, controller, tmp_path):
     """What it says after the end is its last word."""
-    table = Table(ros, tmp_path, attended=False, start=3)
-    table.observed = False
+    table = Table(ros, tmp_path, attended=False, start=3, observed=False)
     table._node.destroy_service(table._estimator)
     assert table.wait_for_message("waiting for the estimator").phase == PlanProgress.PHASE_WAITING
     table._node.create_service(SelectPush, "estimator/exclude_push", table._on_exclude)
@@ -580,8 +564,7 @@ def test_a_plan_has_not_ended_before_the_estimator_leaves_out_what_it_must(ros, 
 
 def test_an_estimator_that_died_before_it_answered_is_asked_again(ros, controller, tmp_path, monkeypatch):
     monkeypatch.setattr(others, "ASK_AGAIN", 0.2)
-    table = Table(ros, tmp_path, attended=False, start=3)
-    table.observed = False
+    table = Table(ros, tmp_path, attended=False, start=3, observed=False)
     table._node.destroy_service(table._estimator)
     with visit("dies") as dies:  # it is never spun, so it takes the request with it
         dies.node.create_service(SelectPush, "/cell/estimator/exclude_push", table._on_exclude)

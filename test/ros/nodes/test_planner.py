@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from composition import made
 from geometry_msgs.msg import Point
 from problems import observations_of
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from pushfric_core.estimation.estimate import friction_model
@@ -52,6 +52,10 @@ def many_pushes(count, **more):
     return pushes, push_request(*pushes, **more)
 
 
+def cone_request():
+    return MotionCone.Request(contact_points=CONTACTS.ravel(), contact_normals=NORMALS.ravel())
+
+
 def turn_request():
     return StablePushes.Request(
         contact_points=CONTACTS.ravel(),
@@ -77,7 +81,7 @@ def expected_model():
     estimator = Estimator(KNOWN.support_points)
     for observation in DATA:
         estimate = estimator.add(observation)
-    return estimate, friction_model(estimate)
+    return friction_model(estimate)
 
 
 class Cell:
@@ -86,18 +90,13 @@ class Cell:
     def __init__(self, ros, **planner):
         self.ros = ros
         self.node = ros.node("asking", namespace="/cell")
-        parameters = [Parameter(name, value=value) for name, value in planner.items()]
-        self.planner = ros.compose(PlannerNode(namespace="/cell", parameter_overrides=parameters))
-        self.models = []
-        self.node.create_subscription(FrictionModel, "friction_model", self.models.append, LATCHED)
+        self.planner = ros.compose(made(PlannerNode, **planner))
+        self.models = ros.heard(self.node, FrictionModel, "friction_model", LATCHED)
 
     def estimate(self, observations=DATA):
         """Start the estimator, and wait until the planner has the model of these observations."""
-        parameters = {"object": NAME, "source": "observations"}
-        given = [Parameter(name, value=value) for name, value in parameters.items()]
-        self.ros.compose(EstimatorNode(namespace="/cell", parameter_overrides=given))
-        out = self.node.create_publisher(Observation, "observation", RELIABLE)
-        self.ros.wait_for(out.get_subscription_count, what="the estimator")
+        self.ros.compose(made(EstimatorNode, object=NAME, source="observations"))
+        out = self.ros.publisher(self.node, Observation, "observation", RELIABLE)
         for observation in observations:
             out.publish(observation_to_msg(observation, NAME))
         self.wait_for_model(len(observations))
@@ -113,12 +112,18 @@ class Cell:
         return client
 
     def ask(self, name, request, kind=None, client=None):
-        answer = (client or self.client(name, kind)).call_async(request)
-        self.ros.wait_for(answer.done, what=f"the answer of {name}")
-        return answer.result()
+        return self.ros.result((client or self.client(name, kind)).call_async(request), f"the answer of {name}")
 
     def figures(self):
         return self.planner._health().values
+
+
+@pytest.fixture
+def cell(ros):
+    """A cell whose planner has the model of DATA."""
+    cell = Cell(ros)
+    cell.estimate()
+    return cell
 
 
 def own_services(cell):
@@ -130,11 +135,9 @@ def numbers(array):
     return np.ravel(array).tolist()
 
 
-def test_answers_are_those_of_the_core_to_the_last_bit(ros):
+def test_answers_are_those_of_the_core_to_the_last_bit(cell):
     """Those that test_doors.py does not ask for."""
-    cell = Cell(ros)
-    cell.estimate()
-    _, model = expected_model()
+    model = expected_model()
     found, expected = cell.ask("predict_push", push_request(with_samples=True)), predict(model, CONTACTS, NORMALS, VELOCITIES)
     assert list(found.sample_twists) == expected.samples.twists.ravel().tolist()
     assert list(found.weights) == model.share.tolist()
@@ -146,15 +149,12 @@ def test_answers_are_those_of_the_core_to_the_last_bit(ros):
     assert list(moved.covariances) == strokes.covariance.ravel().tolist()
     assert strokes.means[0, 1] > 0.02
 
-    request = MotionCone.Request(contact_points=push_request().contact_points, contact_normals=push_request().contact_normals)
-    cones, cone = cell.ask("motion_cone", request), motion_cone(model, CONTACTS, NORMALS)
+    cones, cone = cell.ask("motion_cone", cone_request()), motion_cone(model, CONTACTS, NORMALS)
     assert (list(cones.right), list(cones.left)) == (numbers(cone.right), numbers(cone.left))
 
 
-def test_the_mean_alone_moves_as_with_its_samples(ros):
-    cell = Cell(ros)
-    cell.estimate()
-    _, model = expected_model()
+def test_the_mean_alone_moves_as_with_its_samples(cell):
+    model = expected_model()
     alone = cell.ask("predict_push", push_request(mean_only=True, with_samples=True))
     assert list(alone.twists) == numbers(predict(model, CONTACTS, NORMALS, VELOCITIES).twists)
     assert list(alone.weights) == [1.0]
@@ -174,9 +174,7 @@ def test_every_answer_says_what_it_rests_on(ros):
     requests = {
         "predict_push": push_request(),
         "predict_stroke": stroke_request(),
-        "motion_cone": MotionCone.Request(
-            contact_points=push_request().contact_points, contact_normals=push_request().contact_normals
-        ),
+        "motion_cone": cone_request(),
         "stable_pushes": turn_request(),
         "limit_surface": GetLimitSurface.Request(),
     }
@@ -190,8 +188,7 @@ def test_every_answer_says_what_it_rests_on(ros):
     assert answer.message == "there is no estimate yet; push the object first"
     assert (answer.basis.object, answer.basis.has_model, answer.basis.data_points) == (NAME, False, 0)
 
-    out = cell.node.create_publisher(Observation, "observation", RELIABLE)
-    ros.wait_for(out.get_subscription_count)
+    out = ros.publisher(cell.node, Observation, "observation", RELIABLE)
     for observation in DATA:
         out.publish(observation_to_msg(observation, NAME))
     cell.wait_for_model(len(DATA))
@@ -208,9 +205,7 @@ def test_every_answer_says_what_it_rests_on(ros):
     assert cell.ask("limit_surface", GetLimitSurface.Request()).message == "there is no estimate yet; push the object first"
 
 
-def test_a_late_planner_answers_from_the_topic_alone(ros):
-    cell = Cell(ros)
-    cell.estimate()
+def test_a_late_planner_answers_from_the_topic_alone(ros, cell):
     second = ros.compose(PlannerNode(namespace="/cell", cli_args=["--ros-args", "-r", "__node:=elsewhere"]))
     ros.wait_for(lambda: second._known.model is not None, what="the latched model")
     first, other = (cell.ask(f"{name}/predict_push", push_request(), PredictPush) for name in ("planner", "elsewhere"))
@@ -218,10 +213,8 @@ def test_a_late_planner_answers_from_the_topic_alone(ros):
     assert first.success
 
 
-def test_slices_make_no_difference(ros):
-    cell = Cell(ros)
-    cell.estimate()
-    _, model = expected_model()
+def test_slices_make_no_difference(cell):
+    model = expected_model()
     pushes, request = many_pushes(1500, with_samples=True)
     found, expected = cell.ask("predict_push", request), predict(model, *pushes)
     assert list(found.twists) == numbers(expected.twists)
@@ -229,10 +222,8 @@ def test_slices_make_no_difference(ros):
     assert list(found.spreads) == expected.spread.tolist()
 
 
-def test_the_limit_surface_comes_in_the_forms_of_planners(ros):
-    cell = Cell(ros)
-    cell.estimate()
-    _, model = expected_model()
+def test_the_limit_surface_comes_in_the_forms_of_planners(cell):
+    model = expected_model()
     msg = cell.ask("limit_surface", GetLimitSurface.Request()).limit_surface
     ellipsoid = named_ellipsoid(model.support)
     assert (msg.object, msg.header.frame_id, msg.contact_friction) == (NAME, "object", model.median_mu_c)
@@ -270,9 +261,7 @@ WRONG = [
 ]
 
 
-def test_a_wrong_request_is_answered_with_the_reason(ros):
-    cell = Cell(ros)
-    cell.estimate()
+def test_a_wrong_request_is_answered_with_the_reason(cell):
     for name, change, expected in WRONG:
         request = {"predict_push": push_request, "predict_stroke": stroke_request, "stable_pushes": turn_request}[name]()
         for field, value in change.items():
@@ -292,9 +281,7 @@ def test_a_request_that_is_too_large_is_refused_and_says_so(ros):
     assert cell.ask("predict_push", many_pushes(3)[1]).success
 
 
-def test_a_deadline_ends_the_work(ros):
-    cell = Cell(ros)
-    cell.estimate()
+def test_a_deadline_ends_the_work(cell):
     answer = cell.ask("predict_push", many_pushes(10_000, deadline=1e-3)[1])
     assert (answer.success, answer.message, len(answer.twists)) == (False, "no answer within 0.001 s", 0)
     assert cell.figures()["waiting"] == 0
@@ -317,10 +304,8 @@ def test_a_short_request_does_not_wait_for_long_ones(ros, monkeypatch):
     assert all(len(one.result().modes) == 4000 for one in long)
 
 
-def test_many_calls_at_once_of_twenty_clients_are_all_answered(ros):
+def test_many_calls_at_once_of_twenty_clients_are_all_answered(ros, cell):
     """With rclpy's own quality of service, which keeps ten answers: each client has a name of its own."""
-    cell = Cell(ros)
-    cell.estimate()
     nodes = [ros.node(f"asking_{number}", namespace="/cell") for number in range(4)]
     names = [f"planner/predict_push/client_{number}" for number in range(20)]
     clients = [cell.client(name, PredictPush, node=node) for name, node in zip(names, 5 * nodes, strict=True)]
@@ -332,18 +317,14 @@ def test_many_calls_at_once_of_twenty_clients_are_all_answered(ros):
     assert all(other == first for other in others)
 
 
-def test_a_client_may_have_hundreds_of_open_calls(ros):
-    cell = Cell(ros)
-    cell.estimate()
+def test_a_client_may_have_hundreds_of_open_calls(ros, cell):
     client = cell.client("predict_push")
     answers = [client.call_async(push_request()) for _ in range(300)]
     ros.wait_for(lambda: all(answer.done() for answer in answers), what="300 answers")
     assert all(answer.result().success for answer in answers)
 
 
-def test_a_service_that_many_clients_share_says_how_not_to_lose_answers(ros):
-    cell = Cell(ros)
-    cell.estimate()
+def test_a_service_that_many_clients_share_says_how_not_to_lose_answers(ros, cell):
     name = "planner/predict_push"
     clients = [cell.client(name, PredictPush) for _ in range(turns.SHARE)]
     assert cell.ask(name, push_request(), PredictPush, clients[0]).success
@@ -381,12 +362,10 @@ def test_requests_of_clients_that_are_gone_are_dropped_and_their_services_end(ro
     ros.wait_for(lambda: own_services(cell) == [], what="the end of their services")
 
 
-def test_an_answer_to_a_client_that_cannot_be_reached_yet_is_kept(ros, monkeypatch):
+def test_an_answer_to_a_client_that_cannot_be_reached_yet_is_kept(ros, cell, monkeypatch):
     """It is tried ever more seldom, because each try holds the others up: before, once for each of their answers."""
     respond, tried = turns.Turns._respond, []
     monkeypatch.setattr(turns.Turns, "_respond", lambda *args: tried.append(respond(*args)) or tried[-1])
-    cell = Cell(ros)
-    cell.estimate()
     name, deaf = "planner/predict_push", ros.node("deaf", namespace="/cell")
     client = deaf.create_client(PredictPush, name, qos_profile=LATCHED)  # the answers do not match its reader
     ros.wait_for(lambda: cell.planner.count_clients(name), what="the client")

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from rclpy.duration import Duration
@@ -33,7 +34,6 @@ from pushfric_ros.messages import types as message_types
 from pushfric_ros.messages.types import definition, message_class
 from pushfric_ros.node_kit.diagnostics import Level
 from pushfric_ros.node_kit.losses import Losses
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.player import PlayerNode
 from pushfric_ros.nodes.recorder import QUEUE_DEPTH, MessagesLost, RecorderNode
@@ -48,12 +48,8 @@ RECORDER, PLAYER = (f"from pushfric_ros.nodes.{name} import main; main()" for na
 NAMES = ["/cell/observation", "/cell/center_of_friction", "/cell/text"]
 
 
-def recorder(**values) -> RecorderNode:
-    return RecorderNode(namespace="/cell", parameter_overrides=overrides(values))
-
-
 def player(**values) -> PlayerNode:
-    return PlayerNode(namespace="/cell", parameter_overrides=overrides({"exit_when_done": False, **values}))
+    return made(PlayerNode, exit_when_done=False, **values)
 
 
 def content(message: BagMessage) -> object:
@@ -143,7 +139,7 @@ def wait_until_matched(ros, outputs) -> None:
 
 def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
     outputs[1].publish(PointStamped())  # latched before the recorder exists
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
+    node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS))
     wait_until_matched(ros, outputs)
     sent = [serialize_message(String(data=f"text {number}")) for number in range(50)]
     before = node.get_clock().now().nanoseconds
@@ -151,8 +147,7 @@ def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
         outputs[2].publish(raw)
     ros.wait_for(lambda: node._bag.message_count == 51, what="51 recorded messages")
     after = node.get_clock().now().nanoseconds
-    ros.take_out(node)
-    node.destroy_node()
+    ros.end(node)
     texts = list(Bag(tmp_path / "bag").messages(["/cell/text"]))
     assert [message.raw for message in texts] == sent
     assert all(before <= message.log_time_ns <= after for message in texts)
@@ -166,15 +161,14 @@ def test_the_recorder_keeps_every_byte(ros, outputs, tmp_path):
 
 
 def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publisher(ros, outputs, tmp_path):
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), discover=True))
+    node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), discover=True))
     wait_until_matched(ros, outputs)
     for output, msg in zip(outputs, (Observation(push_id=7), PointStamped(), String(data="seen")), strict=True):
         output.publish(msg)
     ros.wait_for(lambda: {"/cell/observation", "/cell/center_of_friction", "/cell/text"} <= set(node._bag.topics))
     ros.wait_for(lambda: node._bag._numbers["/cell/text"] == 1, what="the recorded text")
     ros.wait_for(lambda: node._bag._numbers["/cell/observation"] == 1, what="the recorded observation")
-    ros.take_out(node)
-    node.destroy_node()
+    ros.end(node)
     topics = {topic.name: topic for topic in Bag(tmp_path / "bag").summary.topics}
     # rosidl's file and the middleware agree
     assert topics["/cell/observation"].type_hash == message_types.type_hash(OBSERVATION)
@@ -187,7 +181,7 @@ def test_discovery_records_what_is_published_with_the_qos_and_hash_of_the_publis
 
 
 def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs, tmp_path):
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True))
+    node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS, use_sim_time=True))
     clock = ros.node("clock").create_publisher(Clock, "/clock", RELIABLE)
     wait_until_matched(ros, [*outputs, clock])
     outputs[2].publish(String(data="early"))
@@ -198,8 +192,7 @@ def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs
     ros.wait_for(lambda: node.get_clock().now().nanoseconds == 6 * SECOND, what="the second tick")
     outputs[2].publish(String(data="late"))
     ros.wait_for(lambda: node._bag.message_count == 2, what="the late message")
-    ros.take_out(node)
-    node.destroy_node()
+    ros.end(node)
     messages = list(Bag(tmp_path / "bag").messages())
     assert [(m.log_time_ns, content(m).data) for m in messages] == [(5 * SECOND, "early"), (6 * SECOND, "late")]
 
@@ -208,7 +201,7 @@ def test_messages_dropped_by_a_full_queue_are_counted_and_warned_of_once(ros, ou
     reports = []
     monitor = ros.node("monitor")
     monitor.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: reports.extend(msg.status), RELIABLE)
-    node = ros.compose(recorder(bag=str(tmp_path / "bag"), topics=TOPICS))
+    node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS))
     wait_until_matched(ros, outputs)
     outputs[0].publish(Observation())
     ros.wait_for(lambda: node._bag.message_count == 1, what="the first message")
@@ -253,7 +246,7 @@ def test_missing_numbers_of_a_single_publisher_are_losses(qos, reported, numbers
 
 
 def test_a_loss_that_nobody_promised_to_prevent_is_said_and_no_fault(ros, tmp_path, capfd):
-    node = recorder(bag=str(tmp_path / "bag"), topics=TOPICS)
+    node = made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS)
     node._receptions["/cell/text"].losses.reported(SimpleNamespace(total_count_change=3))
     node.destroy_node()
     assert capfd.readouterr().err == (
@@ -263,7 +256,7 @@ def test_a_loss_that_nobody_promised_to_prevent_is_said_and_no_fault(ros, tmp_pa
 
 def test_what_has_arrived_is_recorded_at_the_end(ros, outputs, tmp_path):
     """A busy recorder may be behind when it is asked to end."""
-    node = recorder(bag=str(tmp_path / "bag"), topics=TOPICS)  # never spun
+    node = made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS)  # never spun
     wait_until_matched(ros, outputs)
     for number in range(50):
         outputs[0].publish(Observation(push_id=number))
@@ -285,7 +278,7 @@ def test_what_has_arrived_is_recorded_at_the_end(ros, outputs, tmp_path):
 def test_the_recorder_refuses_wrong_parameters(ros, tmp_path, monkeypatch, values, expected):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidInput, match=expected):
-        recorder(**values)
+        made(RecorderNode, **values)
     assert not any(tmp_path.iterdir())
 
 
@@ -335,11 +328,10 @@ def test_a_bag_that_was_removed_while_recording_ends_the_recorder(ros, outputs, 
 
 def test_a_bag_that_is_played_and_recorded_again_is_the_same(ros, tmp_path):
     original = make_bag(tmp_path / "first", 90)
-    ros.compose(first := recorder(bag=str(tmp_path / "second"), topics=TOPICS))
+    ros.compose(first := made(RecorderNode, bag=str(tmp_path / "second"), topics=TOPICS))
     node = ros.compose(player(bag=str(tmp_path / "first"), wait_for=NAMES, rate=2.0, clock=False))
     ros.wait_for(lambda: node.done and first._bag.message_count == 90, what="the end of the bag")
-    ros.take_out(first)
-    first.destroy_node()
+    ros.end(first)
     again = contents(tmp_path / "second")
     # DDS keeps the order within a topic, not between topics
     assert by_topic(again) == by_topic([(message.topic, message.raw) for message in original])
@@ -368,9 +360,8 @@ def test_only_the_chosen_topics_are_played(ros, tmp_path):
 def test_playing_waits_for_its_subscribers(ros, tmp_path):
     make_bag(tmp_path / "bag", 6)
     played = ros.compose(player(bag=str(tmp_path / "bag"), wait_for=["observation", "text"]))
-    clock: list[Clock] = []
     early = ros.node("early")
-    early.create_subscription(Clock, "/clock", clock.append, RELIABLE)
+    clock = ros.heard(early, Clock, "/clock", RELIABLE)
     early.create_subscription(Observation, "/cell/observation", lambda msg: None, RELIABLE)
     ros.wait_for(lambda: played._awaited[0].get_subscription_count(), what="the first subscriber")
     assert not played.done
@@ -387,10 +378,9 @@ def test_a_paused_player_waits_plays_and_holds_again(ros, tmp_path):
     ros.wait_for(client.service_is_ready, what="the pause service")
 
     def pause(on: bool) -> str:
-        answer = client.call_async(SetBool.Request(data=on))
-        ros.wait_for(answer.done, what="the answer")
-        assert answer.result().success
-        return answer.result().message
+        answer = ros.result(client.call_async(SetBool.Request(data=on)), "the answer")
+        assert answer.success
+        return answer.message
 
     ros.wait_for(lambda: all(output.get_subscription_count() for output in node._awaited), what="subscribers")
     for _ in range(3):

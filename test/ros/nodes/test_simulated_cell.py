@@ -79,8 +79,7 @@ def test_no_frame_shows_what_a_real_pusher_has_not_reported_yet(ros, parameters)
     other = ros.node("other")
     shown: list[int] = []
     other.create_subscription(Image, "image_raw", lambda msg: shown.append(stamp_from_msg(msg.header.stamp)), SENSOR_DATA)
-    reports = other.create_publisher(PusherState, "pusher_state", RELIABLE)
-    ros.wait_for(reports.get_subscription_count, what="the cell's subscription")
+    reports = ros.publisher(other, PusherState, "pusher_state", RELIABLE)
     ros.wait_for(lambda: len(shown) > 2, what="frames without a report")
 
     for position in (0.01, 0.02):
@@ -107,12 +106,10 @@ def test_a_person_switches_the_lamp_off_unplugs_the_camera_and_presses_the_emerg
     """Each again, too: until the emergency stop is released, nothing moves, whatever is asked."""
     node = ros.compose(simulated_cell.SimulatedCellNode(parameter_overrides=overrides(parameters)))
     person = ros.node("person")
-    images: list[Image] = []
-    person.create_subscription(Image, "image_raw", images.append, SENSOR_DATA)
+    images = ros.heard(person, Image, "image_raw", SENSOR_DATA)
     port = os.open(tmp_path / "tty", os.O_RDWR | os.O_NOCTTY)
 
-    switch = person.create_publisher(String, "switch", RELIABLE)
-    ros.wait_for(switch.get_subscription_count, what="the cell's subscription")
+    switch = ros.publisher(person, String, "switch", RELIABLE)
 
     def turn_over(name: str, says: str) -> None:
         switch.publish(String(data=name))

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from printed import marked_picture
@@ -20,7 +21,6 @@ from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.image_messages import TO_GREY
 from pushfric_core.vision.sighting import NO_OBJECT, UNMEASURED
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, SENSOR_DATA, SENSOR_QUEUE
 from pushfric_ros.nodes.tracker import TrackerNode
 from pushfric_ros.nodes.tracker.watch import FROZEN_FRAMES
@@ -50,7 +50,7 @@ class Cell:
         self.here.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.reports.extend(msg.status), 10)
         self.images = self.here.create_publisher(Image, "image_raw", SENSOR_DATA)
         self.placements = self.here.create_publisher(PoseStamped, "placement", LATCHED)
-        self.tracker = ros.compose(TrackerNode(namespace="/cell", parameter_overrides=overrides(given | parameters)))
+        self.tracker = ros.compose(made(TrackerNode, **given | parameters))
         self.stamp = FIRST
         ros.wait_for(lambda: poses.get_publisher_count(), what="a publisher of object_pose")
         ros.wait_for(lambda: self.placements.get_subscription_count(), what="a subscriber to placement")
@@ -192,8 +192,7 @@ def test_a_placement_decides_between_orientations_that_look_the_same(cell):
 
 def test_compressed_images(ros, tmp_path):
     cell = Cell(ros, tmp_path, source="compressed")
-    publisher = cell.here.create_publisher(CompressedImage, "image_raw/compressed", SENSOR_DATA)
-    ros.wait_for(lambda: publisher.get_subscription_count(), what="a subscriber to image_raw/compressed")
+    publisher = ros.publisher(cell.here, CompressedImage, "image_raw/compressed", SENSOR_DATA)
 
     def send(data: bytes, stamp: int) -> None:
         msg = CompressedImage(format="jpeg", data=array.array("B", data))

@@ -5,6 +5,7 @@ import urllib.error
 import urllib.request
 
 import pytest
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
 from sensor_msgs.msg import CompressedImage
@@ -18,7 +19,6 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import nothing_known
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.view import ViewNode
 
@@ -40,8 +40,7 @@ class Cell:
         self.poses = publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
         self.pushers = publisher(PusherState, "pusher_state", RELIABLE)
         self.health = publisher(DiagnosticArray, "/diagnostics", RELIABLE)
-        given = overrides({"object": "rubber_rect4", "port": 0, **parameters})
-        self.view = ros.compose(ViewNode(namespace="/cell", parameter_overrides=given))
+        self.view = ros.compose(made(ViewNode, object="rubber_rect4", port=0, **parameters))
         self.url = self.view.url
         for out in (self.estimates, self.observations, self.plan, self.settings):
             ros.wait_for(out.get_subscription_count, PATIENCE, f"the view's subscription to {out.topic_name}")
@@ -148,8 +147,7 @@ def test_only_somebody_who_looks_costs_images_and_poses(cell):
 
 
 def test_keyframes_are_kept_for_those_who_come_later(cell):
-    keyframes = cell.node.create_publisher(CompressedImage, "keyframes/compressed", RELIABLE)
-    cell.ros.wait_for(keyframes.get_subscription_count, PATIENCE, "the view's subscription, though nobody looks")
+    keyframes = cell.ros.publisher(cell.node, CompressedImage, "keyframes/compressed", RELIABLE)  # though nobody looks
     cell.push(0, 1)
     visitor = Visitor(cell.url)
     visitor.until(lambda: "moment/0" in visitor.story)
@@ -255,5 +253,5 @@ def test_a_taken_port_is_refused_in_one_line(ros):
     port = int(cell.url.rpartition(":")[2].rstrip("/"))
     for parameters, said in (({"port": port}, "Address already in use"), ({"host": "no-such-host.invalid"}, "no-such-host")):
         with pytest.raises(InvalidInput, match=f"^the page cannot be served at .*{said}") as refusal:
-            ViewNode(namespace="/cell", parameter_overrides=overrides({"object": "rubber_rect4", **parameters}))
+            made(ViewNode, object="rubber_rect4", **parameters)
         assert "\n" not in str(refusal.value)

@@ -13,11 +13,10 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.recorded import Recorded, cells
 from pushfric_core.bags.recovery import recover as recovered
 from pushfric_core.commands.application import STDOUT, Application
-from pushfric_core.commands.console import say, warn, write_json
+from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import JsonOption
-from pushfric_core.commands.result import ledger_table
+from pushfric_core.commands.result import answer, ledger_table
 from pushfric_core.errors import InvalidInput
-from pushfric_core.records import to_json
 from pushfric_core.trajectories.ledger import Doubt, DoubtCode, Ledger
 from pushfric_core.wording import counted
 
@@ -52,7 +51,7 @@ def info(bag: BagArgument, json: JsonOption = None) -> None:
     Exit codes as of verify.
     """
     checked = _checked(bag)
-    write_json(to_json(_condition(checked)), json)
+    answer(_condition(checked), json)
     if json != STDOUT:
         for line in _contents(checked.bag):
             _show(line)
@@ -89,7 +88,7 @@ def verify(bag: BagArgument, json: JsonOption = None) -> None:
     Exit code 0: nothing shows that something is missing; 1: it is damaged, or does not add up; 2: it is not a bag.
     """
     checked = _checked(bag)
-    write_json(to_json(_condition(checked)), json)
+    answer(_condition(checked), json)
     _end(checked, json)
 
 

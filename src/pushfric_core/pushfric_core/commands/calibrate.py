@@ -13,16 +13,16 @@ from pushfric_core.cell.cell_file import CellFile, load_cell
 from pushfric_core.cell.node_settings import NAMESPACE
 from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import NamespaceOption
-from pushfric_core.commands.console import say, warn, write_json
+from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.frames import borrowed, frames_from
 from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.program import telling_what_is_left
+from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files.disk import reading, write_whole
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.yaml_text import Value, with_values
 from pushfric_core.pushers.pusher import PusherConfig
-from pushfric_core.records import to_json
 from pushfric_core.vision.board import Board
 from pushfric_core.vision.calibration import (
     calibrate_table,
@@ -206,7 +206,7 @@ def tip(
     length = "" if tip_height is None else f"; the stroke is {measured.scale:.4f} times as long as the controller says"
     say(f"tip: radius {1e3 * measured.radius:.2f} mm, {1e3 * measured.height:.1f} mm over the table{length}")
     say(f"wrote {target}, {picture}")
-    write_json(to_json({"pusher": tip_figures(measured), "findings": findings, "files": [str(target), str(picture)]}), json)
+    answer({"pusher": tip_figures(measured), "findings": findings, "files": [str(target), str(picture)]}, json)
 
 
 def _tip_pictures(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.commands.application import STDOUT, Application
-from pushfric_core.commands.console import console, say, warn, write_json
+from pushfric_core.commands.console import console, say, warn
 from pushfric_core.commands.options import (
     CellOption,
     DaskOption,
@@ -20,13 +20,12 @@ from pushfric_core.commands.options import (
     PartialFlag,
     SupportPointsOption,
 )
-from pushfric_core.commands.result import ledger_table, print_result
+from pushfric_core.commands.result import answer, ledger_table, print_result
 from pushfric_core.commands.settings_options import with_settings
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.model_file import check_name, save_model
 from pushfric_core.offline.estimation import Choices, estimate_from
-from pushfric_core.records import to_json
 
 
 def estimate(
@@ -95,7 +94,7 @@ def estimate(
     if ledger == STDOUT:
         console.print(ledger_table(estimation.ledger))
     else:
-        write_json(to_json(estimation.ledger.to_dict()), ledger)
+        answer(estimation.ledger.to_dict(), ledger)
     print_result(figures, json, estimation.settings.estimator.loss)
     if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
         sys.exit(1)
@@ -134,7 +133,7 @@ def _many(
         if said := [line["error"]] if "error" in line else [one["text"] for one in objections(line)]:
             warn(f"{line['input']}: {'; '.join(said)}")
     table, number = write_table(lines, out), counts(lines)
-    write_json(to_json(number | {"files": [str(table)]}), json)
+    answer(number | {"files": [str(table)]}, json)
     if json != STDOUT:
         console.print(", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in number.items()), highlight=False)
         say(f"wrote {table}")

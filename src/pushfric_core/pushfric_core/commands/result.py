@@ -14,7 +14,7 @@ from pushfric_core.trajectories.ledger import Ledger
 from pushfric_core.wording import data_of
 
 
-def answer(result: Any, where: str | None, lines: Iterable[str]) -> None:
+def answer(result: Any, where: str | None, lines: Iterable[str] = ()) -> None:
     """Write a result as JSON, if asked to, and print it in lines for people, unless the JSON goes to stdout.
 
     Args:

@@ -3,7 +3,8 @@
 PoseStamped comes from most motion capture drivers, visual trackers, and as the pose of an arm's tool.
 """
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -50,14 +51,6 @@ class Poses:
     def body(self, topic: str, msg: Any) -> Body | None:
         """The body in a message."""
         return Body.of(msg.header.stamp, msg.pose.position, msg.pose.orientation)
-
-
-def chain(path: Sequence[Body]) -> Body:
-    """The last of some bodies, each in the frame of the one before."""
-    whole = path[0]
-    for inner in path[1:]:
-        whole = whole.before(inner)
-    return whole
 
 
 @dataclass(frozen=True)
@@ -119,7 +112,7 @@ class Transforms:
             return None
         path = [self._parents[name][1].inverted() for name in above]
         path += [self._parents[name][1] for name in reversed(below)]
-        return chain(path)
+        return functools.reduce(Body.before, path)  # each is in the frame of the one before
 
     def _ancestry(self, name: str) -> list[str]:
         """A frame, its parent, the parent of that, and so on."""

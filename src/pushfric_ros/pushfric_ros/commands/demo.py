@@ -14,9 +14,10 @@ from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, SimulationConfig, ViewConfig
 from pushfric_core.commands.application import AUTO_VIEW, Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
-from pushfric_core.commands.console import console, fail, write_json
+from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.options import RUNS, JsonOption
 from pushfric_core.commands.program import telling_what_is_left
+from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import load_object
@@ -24,7 +25,6 @@ from pushfric_core.files.plan_file import load_plan
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.pushers.serial_config import GrblConfig
-from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, save_camera
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_core.wording import data_of
@@ -95,7 +95,7 @@ def demo(
         ended, last = watch(console, specs, cell.namespace, what, live, prompts=prompts, recorded=bag, known=known)
     if last is not None:
         print_summary(object_name, last)
-        write_json(to_json({**report_from_msg(last).to_dict(), "truth": known.to_dict(), "bag": str(bag)}), json)
+        answer({**report_from_msg(last).to_dict(), "truth": known.to_dict(), "bag": str(bag)}, json)
     print_result(console, bag)
     if ended.code or last is None:
         fail(ended.reason if ended.code else "the run ended without an estimate", ended.code or 1)

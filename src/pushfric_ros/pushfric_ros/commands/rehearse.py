@@ -11,14 +11,14 @@ from rich.table import Table
 
 from pushfric_core.commands.application import STDOUT, Application, in_range
 from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
-from pushfric_core.commands.console import console, warn, write_json
+from pushfric_core.commands.console import console, warn
 from pushfric_core.commands.options import JsonOption
+from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option
 from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.plausible import check_within
 from pushfric_core.plugins import PUSHERS, plugin
 from pushfric_core.pushers.serial_settings import SerialSettings
-from pushfric_core.records import to_json
 from pushfric_core.settings import read
 from pushfric_ros.faults.fault import Fault, Outcome, tried
 from pushfric_ros.faults.grbl_stage import GrblStage
@@ -103,10 +103,8 @@ def rehearsal(
         changed = stage.bring_back()
     for what in changed:
         warn(f"not as it was: {what}")
-    write_json(
-        to_json({"outcomes": [{"fault": one.fault, **NOTHING_FOUND, **one.to_dict()} for one in outcomes], "changed": changed}),
-        json,
-    )
+    told = [{"fault": one.fault, **NOTHING_FOUND, **one.to_dict()} for one in outcomes]
+    answer({"outcomes": told, "changed": changed}, json)
     if json != STDOUT:
         Console().print(distribution(outcomes) if kills else table(outcomes))
     if changed or any(outcome.problem for outcome in outcomes):

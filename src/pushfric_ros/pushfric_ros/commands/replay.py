@@ -53,30 +53,24 @@ def replay(
     )
     specs = graph.with_parts(specs, object_file, shown, PlannerConfig() if planner else None)
     live = console.is_terminal and not headless
-    printed = False
 
     def show(last: FrictionEstimate | None) -> None:
-        nonlocal printed
         expected = len(settings.relied_on(data, model.support_points, lambda _: None))
         if last is None or last.data_points < expected:
             arrived = 0 if last is None else last.data_points
             fail(f"the live graph made only {arrived} of the {expected} observations in the bag; try a lower --rate", 1)
         print_result(report_from_msg(last).to_dict(), json, settings.estimator.loss)
-        printed = True
 
     def show_and_stay(last: FrictionEstimate | None) -> None:
         show(last)
         console.print(f"{source.namespace}/friction_estimate keeps this estimate until Ctrl-C", markup=False)
 
     name = f"replaying {bag.name}"
-    try:
-        ended, last = watch(console, specs, source.namespace, name, live, replayed=data, stay=show_and_stay if stay else None)
-    except KeyboardInterrupt:
-        if stay and printed:
-            return
-        raise
+    ended, last = watch(console, specs, source.namespace, name, live, replayed=data, stay=show_and_stay if stay else None)
     if ended.code:
         fail(ended.reason, ended.code)
+    if stay:
+        return
     show(last)
     if doubts and not partial:
         fail(f"{bag}: does not add up: {doubts}", 1)

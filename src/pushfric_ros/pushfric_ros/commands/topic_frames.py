@@ -56,12 +56,10 @@ class TopicFrames(Frames):
 
     def wait(self, seconds: float) -> bool:
         """See Frames. Raises InvalidInput if a frame is not a picture."""
-        deadline = time.monotonic() + seconds
-        while not self.waiting and time.monotonic() < deadline:
-            self._here.spin_once(0.1)
-            if self._problem:
-                raise InvalidInput(f"{self.name}: {self._problem}")
-        return bool(self.waiting)
+        came = self._here.spin_until(lambda: self.waiting or self._problem, seconds)
+        if self._problem:
+            raise InvalidInput(f"{self.name}: {self._problem}")
+        return came
 
     def forget(self) -> None:
         super().forget()

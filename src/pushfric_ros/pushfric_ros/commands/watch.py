@@ -225,8 +225,11 @@ class Monitor:
 
     def stay(self, supervisor: Supervisor) -> Ended:
         """Go on when the run has ended, until Ctrl-C, or until a node fails."""
-        while (now := supervisor.poll()) is None or now.code == 0:
-            self._visit.spin_once(0.05)
+        try:
+            while (now := supervisor.poll()) is None or now.code == 0:
+                self._visit.spin_once(0.05)
+        except KeyboardInterrupt:
+            return Ended(0, "ended by Ctrl-C")
         return now
 
     @property

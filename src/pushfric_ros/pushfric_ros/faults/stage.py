@@ -99,6 +99,7 @@ class Stage(contextlib.ExitStack):
         """
         given = self.given
         self.folder = pathlib.Path(self.enter_context(tempfile.TemporaryDirectory(prefix="pushfric-rehearsal-")))
+        self.log = self.folder / "actuator.log"  # the output of the actuators
         self.callback(self._come_to_rest)
         with self.driver(look=True) as pusher:
             if pusher.mode is not Mode.IDLE:
@@ -179,14 +180,14 @@ class Stage(contextlib.ExitStack):
 
     def at(self, when: float) -> float:
         """Where the pusher was at a time [m], interpolated between two reports."""
-        k = bisect.bisect_right(self.heard, when, key=_when)
+        k = bisect.bisect_right(self.heard, when, key=lambda one: one.when)
         before, after = self.heard[max(0, k - 1)], self.heard[min(k, len(self.heard) - 1)]
         share = (when - before.when) / (after.when - before.when) if after is not before else 0.0
         return before.along + share * (after.along - before.along)
 
     def between(self, begin: float, end: float) -> list[Heard]:
         """The reports within a time, and the last one before it."""
-        first, last = (bisect.bisect_right(self.heard, when, key=_when) for when in (begin, end))
+        first, last = (bisect.bisect_right(self.heard, when, key=lambda one: one.when) for when in (begin, end))
         return self.heard[max(0, first - 1) : last]
 
     def rest(self) -> Heard:
@@ -363,11 +364,6 @@ class Stage(contextlib.ExitStack):
             moves = state.mode in (PusherState.MODE_RUNNING, PusherState.MODE_HOMING)
             self.hear(Heard(when, state.position - self.position, abs(state.speed), moves))
 
-    @property
-    def log(self) -> pathlib.Path:
-        """The file with the output of the actuators."""
-        return self.folder / "actuator.log"
-
     def _end_processes(self) -> None:
         for process in (self.client, self.actuator):
             if process is not None:
@@ -394,10 +390,6 @@ class Stage(contextlib.ExitStack):
             raise NotRehearsed(back.problem)
         self._end_processes()
         return []
-
-
-def _when(one: Heard) -> float:
-    return one.when
 
 
 def pusher_position(pusher: Pusher) -> float:

@@ -80,14 +80,11 @@ class _Course:
             shutdown = [Shutdown(reason=self._ended.reason)]
         elif self._ended.code == 0 and code > 0:
             self._ended = Ended(code, f"{spec.name} {describe(code)}")
-        if not self._running:
-            self._judge(self._ended)
+        if not self._running and self._ended.code != 130:
+            found = self._found() if self._ended.code == 0 else [self._ended.reason]
+            if found:
+                raise RunFailed("; ".join(found))
         return shutdown
-
-    def _judge(self, ended: Ended) -> None:
-        found = [ended.reason] if ended.code not in (0, 130) else self._found() if ended.code == 0 else ()
-        if found:
-            raise RunFailed("; ".join(found))
 
 
 def _node(spec: NodeSpec, namespace: str) -> Node:

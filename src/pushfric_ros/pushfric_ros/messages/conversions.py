@@ -5,6 +5,7 @@ is NaN in a message; where no number can be, it is what the message has by itsel
 of that name.
 """
 
+import array
 import functools
 import math
 import operator
@@ -31,7 +32,7 @@ from pushfric_core.estimation.region import Region
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import OBJECT, Pose
+from pushfric_core.geometry.planar import CAMERA, OBJECT, Pose
 from pushfric_core.mechanics.limit_surface import (
     ellipsoid_error,
     named_ellipsoid,
@@ -204,8 +205,6 @@ MODE_NAMES = {getattr(PusherState, name): name[5:].lower() for name in dir(Pushe
 MODEL_TOPIC = "friction_model"
 """Topic of the friction model that planner nodes need."""
 
-NOWHERE = (math.nan, math.nan)
-
 
 def pose_to_msg(pose: Pose) -> PoseMsg:
     """A planar pose as a message, at z = 0."""
@@ -215,6 +214,15 @@ def pose_to_msg(pose: Pose) -> PoseMsg:
 def observation_to_msg(observation: Observation, object_name: str) -> ObservationMsg:
     """An observation as a message for the topic `observation`."""
     return samples.observation_to_msg(observation, object_name, _new)
+
+
+def image_to_msg(picture: np.ndarray, stamp: int) -> Any:
+    """A picture (height, width) in grey levels that the camera took at a time [ns], as sensor_msgs/Image."""
+    height, width = picture.shape
+    msg = _new("sensor_msgs/msg/Image", height=height, width=width, encoding="mono8", step=width)
+    msg.header.frame_id, msg.header.stamp = CAMERA, stamp_to_msg(stamp)
+    msg.data = array.array("B", picture.tobytes())
+    return msg
 
 
 def stamp_to_msg(nanoseconds: int) -> Time:
@@ -302,14 +310,15 @@ def friction_model_to_msg(
     basis.header.frame_id = OBJECT
     msg = FrictionModelMsg(basis=basis, outline=[_point(corner) for corner in outline.vertices])
     write(model, FrictionModel, msg)
-    msg.center_of_friction, msg.total_friction = _point(NOWHERE), math.nan
+    msg.center_of_friction, msg.total_friction = _point((math.nan, math.nan)), math.nan
     if estimate is None:
         return msg
     basis.header.stamp = stamp_to_msg(estimate.stamp)
     basis.data_points, basis.pushes = estimate.data_points, estimate.pushes
     write(VerdictReport(verdict.reasons, verdict.notes), VerdictReport, basis)
     if model is not None:
-        msg.center_of_friction, msg.total_friction = _point(model.center_of_friction), _number(estimate.total_friction)
+        msg.center_of_friction = _point(model.center_of_friction)
+        msg.total_friction = math.nan if estimate.total_friction is None else estimate.total_friction
     return msg
 
 
@@ -396,7 +405,7 @@ def limit_surface_to_msg(basis: Basis, total_friction: float, model: FrictionMod
     msg.f_max, msg.m_max, msg.center = ellipsoid.f_max, ellipsoid.m_max, _point(ellipsoid.center)
     msg.ellipsoid_load_error, msg.ellipsoid_twist_error = ellipsoid_error(ellipsoid, model.support)
     wrenches, twists = surface_samples(model.support)
-    msg.wrenches = [Wrench(force=_vector(row[:2]), torque=Vector3(z=row[2])) for row in wrenches.tolist()]
+    msg.wrenches = [Wrench(force=Vector3(x=x, y=y), torque=Vector3(z=m)) for x, y, m in wrenches.tolist()]
     msg.twists = [_twist(row) for row in twists.tolist()]
     return msg
 
@@ -427,13 +436,5 @@ def _point(xy: Sequence[float] | np.ndarray) -> Point:
     return Point(x=float(xy[0]), y=float(xy[1]))
 
 
-def _vector(xy: Sequence[float] | np.ndarray) -> Vector3:
-    return Vector3(x=float(xy[0]), y=float(xy[1]))
-
-
 def _new(type_name: str, **fields: Any) -> Any:
     return message_class(type_name)(**fields)
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else value

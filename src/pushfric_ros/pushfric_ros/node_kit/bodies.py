@@ -32,31 +32,41 @@ def source_of(node: Node, mount: MountConfig) -> Source:
         return declare(node, plugin(SOURCES, mount.source)).open_source()
 
 
-def follow(
-    topics: Diagnostics, source: Source, on_body: Callable[[Body], None], on_problem: Callable[[ValueError], None]
-) -> None:
-    """Have a callback called with every body that a source finds.
+class Following:
+    """Has a callback of a node called with every body that a source finds.
 
     Args:
-        topics: the node's diagnostics, which make its subscriptions.
+        node: the node.
+        topics: its diagnostics, which make its subscriptions.
         source: of the bodies.
-        on_body: called with each body.
-        on_problem: called with what is wrong with a message.
+        on_body: called with each body; a ValueError says that no use can be made of it.
+        what: the node makes of a body, for the log.
+    Attributes:
+        problem: what is wrong with a message, until one is good again; empty: nothing.
     Raises:
         InvalidInput: a message type is not installed.
     """
 
-    def take(topic: str, msg: Any) -> None:
-        try:
-            body = source.body(topic, msg)
-        except ValueError as error:
-            on_problem(error)
-        else:
-            if body is not None:
-                on_body(body)
+    def __init__(self, node: Node, topics: Diagnostics, source: Source, on_body: Callable[[Body], None], what: str) -> None:
+        self._log, self._source, self._on_body, self._what = node.get_logger(), source, on_body, what
+        self.problem = ""
+        for topic, kind, qos in _wanted(source):
+            topics.subscribe(kind, topic, partial(self._take, topic), qos)
 
-    for topic, kind, qos in _wanted(source):
-        topics.subscribe(kind, topic, partial(take, topic), qos)
+    def refuse(self, error: ValueError) -> None:
+        """Log what is wrong with a message, once."""
+        if not self.problem:
+            self._log.error(f"no {self._what}: {error}")
+        self.problem = str(error)
+
+    def _take(self, topic: str, msg: Any) -> None:
+        try:
+            body = self._source.body(topic, msg)
+            if body is not None:
+                self._on_body(body)
+                self.problem = ""
+        except ValueError as error:
+            self.refuse(error)
 
 
 def taken(node: Node, source: Source) -> Callable[[], Iterator[Body]]:

@@ -105,11 +105,6 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
         self._timer = wall_timer(node, FIRST, self._on_timer)
 
-    @property
-    def lost(self) -> int:
-        """Number of messages that were published on the subscribed topics but did not arrive here."""
-        return sum(passed.losses.messages for passed in self._inputs.values())
-
     def subscribe(
         self, kind: type, topic: str, callback: Callable[[Any], None], qos: QoSProfile, raw: bool = False
     ) -> Subscription:

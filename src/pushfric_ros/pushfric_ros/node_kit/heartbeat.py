@@ -8,12 +8,16 @@ node may have much to do; if it hangs, it ends itself (`process.HUNG`).
 
 import threading
 import time
+import uuid
 from collections import deque
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.task import Future
+from unique_identifier_msgs.msg import UUID
 
 from pushfric_msgs.msg import Heartbeat as HeartbeatMsg
 from pushfric_ros.node_kit.losses import waiting
@@ -46,6 +50,12 @@ class Heartbeat:
         self._timer = wall_timer(node, PERIOD, self._turn)
         self._thread = threading.Thread(target=self._beat, name="heartbeat", daemon=True)
         self._thread.start()
+
+    def send(self, client: Any, goal: Any, on_feedback: Callable[[Any], None] | None = None) -> Future:
+        """Send a goal by the client of an action, as its `send_goal_async` does, and own it from now on."""
+        owned = uuid.uuid4().bytes
+        self.own(owned)
+        return client.send_goal_async(goal, on_feedback, UUID(uuid=list(owned)))
 
     def own(self, goal: bytes | None) -> None:
         """Own a goal of `push` from now on, and say so at once: its id, 16 bytes; None to own no goal any longer."""

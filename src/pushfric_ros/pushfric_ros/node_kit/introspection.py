@@ -107,21 +107,33 @@ def _remembering(kind: type[Node]) -> Any:
 
 
 def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
+    """All that a node has, once the middleware's graph knows it.
+
+    Raises:
+        TimeoutError: the graph is not complete within GRAPH_PATIENCE.
+    """
     here = node.get_name(), node.get_namespace()
-    topics = [("publishes", out.topic_name, out.qos_profile) for out in node.publishers]
-    topics += [("subscribes", into.topic_name, into.qos_profile) for into in node.subscriptions]
-    qualities = {(role, name): _qos(quality) for role, name, quality in topics}
-    _await_graph(node)
+    published = {out.topic_name: _qos(out.qos_profile) for out in node.publishers}
+    subscribed = {into.topic_name: _qos(into.qos_profile) for into in node.subscriptions}
+    services = {node.resolve_service_name(one.srv_name): "service" for one in node.services}
+    clients = {node.resolve_service_name(one.srv_name): "service" for one in node.clients}
+    asked = [  # role, kind, what rclpy knows, with its quality, and what asks the middleware
+        ("publishes", UNKNOWN, published, node.get_publisher_names_and_types_by_node),
+        ("subscribes", UNKNOWN, subscribed, node.get_subscriber_names_and_types_by_node),
+        ("serves", "service", services, node.get_service_names_and_types_by_node),
+        ("calls", "service", clients, node.get_client_names_and_types_by_node),
+        ("serves", "action", {}, partial(get_action_server_names_and_types_by_node, node)),
+        ("calls", "action", {}, partial(get_action_client_names_and_types_by_node, node)),
+    ]
+    # the middleware's graph alone knows of actions, and it must know everything else
+    deadline = time.monotonic() + GRAPH_PATIENCE
+    while not all(known.keys() <= dict(find(*here)).keys() for _, _, known, find in asked):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{here[0]} is not in the middleware's graph within {GRAPH_PATIENCE:g} s")
+        time.sleep(0.01)
     made = [
-        Endpoint(role, name, types[0], qualities.get((role, name), kind))
-        for role, kind, find in (
-            ("publishes", UNKNOWN, node.get_publisher_names_and_types_by_node),
-            ("subscribes", UNKNOWN, node.get_subscriber_names_and_types_by_node),
-            ("serves", "service", node.get_service_names_and_types_by_node),
-            ("calls", "service", node.get_client_names_and_types_by_node),
-            ("serves", "action", partial(get_action_server_names_and_types_by_node, node)),
-            ("calls", "action", partial(get_action_client_names_and_types_by_node, node)),
-        )
+        Endpoint(role, name, types[0], known.get(name, kind))
+        for role, kind, known, find in asked
         for name, types in find(*here)
         if types[0] != TRANSFORMS and "/_action/" not in name
     ]
@@ -132,26 +144,6 @@ def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
         package, folder, *_ = kind.__module__.split(".")
         made.append(Endpoint("subscribes", node.resolve_topic_name(name), f"{package}/{folder}/{kind.__name__}", _qos(quality)))
     return [endpoint._replace(name=_relative(endpoint.name, namespace, here[0])) for endpoint in made]
-
-
-def _await_graph(node: Node) -> None:
-    """Wait until the middleware's graph, which alone knows of actions, knows everything else that the node has.
-
-    Raises:
-        TimeoutError: the graph is not complete within GRAPH_PATIENCE.
-    """
-    here = node.get_name(), node.get_namespace()
-    known = (
-        ({out.topic_name for out in node.publishers}, node.get_publisher_names_and_types_by_node),
-        ({into.topic_name for into in node.subscriptions}, node.get_subscriber_names_and_types_by_node),
-        ({node.resolve_service_name(one.srv_name) for one in node.services}, node.get_service_names_and_types_by_node),
-        ({node.resolve_service_name(one.srv_name) for one in node.clients}, node.get_client_names_and_types_by_node),
-    )
-    deadline = time.monotonic() + GRAPH_PATIENCE
-    while not all(names <= {name for name, _ in find(*here)} for names, find in known):
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"{here[0]} is not in the middleware's graph within {GRAPH_PATIENCE:g} s")
-        time.sleep(0.01)
 
 
 def _relative(name: str, namespace: str, node: str) -> str:

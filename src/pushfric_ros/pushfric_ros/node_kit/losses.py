@@ -22,6 +22,8 @@ class Losses:
 
     Args:
         quality: what the subscription asks for.
+    Attributes:
+        promised: every message is to arrive, so that a loss is a fault.
     """
 
     def __init__(self, quality: QoSProfile) -> None:
@@ -38,11 +40,6 @@ class Losses:
     def messages(self) -> int:
         """Number of messages lost so far."""
         return max(self._reported, self._missing)
-
-    @property
-    def are_faults(self) -> bool:
-        """Whether messages were lost whose delivery was promised."""
-        return self.promised and self.messages > 0
 
     def new(self) -> int:
         """Number of messages lost since this was last asked."""

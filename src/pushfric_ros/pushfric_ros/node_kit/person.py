@@ -2,8 +2,6 @@
 
 import contextlib
 import os
-import time
-import uuid
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -14,7 +12,6 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
-from unique_identifier_msgs.msg import UUID
 
 from pushfric_core.errors import PushfricError
 from pushfric_msgs.action import Push
@@ -156,10 +153,8 @@ class Person(contextlib.AbstractContextManager["Person"]):
         heartbeat = Heartbeat(self._node)
         try:
             self._wait(client.server_is_ready, f"no action push; {who_runs()}")
-            owned = uuid.uuid4().bytes
-            heartbeat.own(owned)
             goal = Push.Goal(push_id=PusherState.NO_PUSH, distance=distance, speed=speed)
-            handle = self._future(client.send_goal_async(goal, goal_uuid=UUID(uuid=list(owned))), "no answer to the jog")
+            handle = self._future(heartbeat.send(client, goal), "no answer to the jog")
             if not handle.accepted:
                 self._health.clear()  # those from before do not know of it
                 raise NoAnswer(f"the actuator refuses: {self.health()['last refusal']}")
@@ -177,8 +172,5 @@ class Person(contextlib.AbstractContextManager["Person"]):
         return future.result()
 
     def _wait(self, condition: Callable[[], object], otherwise: str, seconds: float | None = None) -> None:
-        deadline = time.monotonic() + (ANSWER_TIMEOUT if seconds is None else seconds)
-        while not condition():
-            if time.monotonic() > deadline:
-                raise NoAnswer(otherwise)
-            self.spin(0.05)
+        if not self._visit.spin_until(condition, ANSWER_TIMEOUT if seconds is None else seconds):
+            raise NoAnswer(otherwise)

@@ -39,10 +39,10 @@ class TransformBroadcaster:
 
 def object_transform(msg: PoseWithCovarianceStamped) -> TransformStamped:
     """From the table to the object, whose pose on the table this is."""
-    pose = msg.pose.pose
+    at = msg.pose.pose.position
     transform = TransformStamped(child_frame_id=OBJECT)
     transform.header.frame_id, transform.header.stamp = TABLE, msg.header.stamp
-    transform.transform = Transform(translation=_vector(pose.position), rotation=pose.orientation)
+    transform.transform = Transform(translation=Vector3(x=at.x, y=at.y, z=at.z), rotation=msg.pose.pose.orientation)
     return transform
 
 
@@ -59,7 +59,3 @@ def camera_transform(position: Array, quaternion: Array) -> TransformStamped:
     shift = Vector3(x=float(position[0]), y=float(position[1]), z=float(position[2]))
     transform.transform = Transform(translation=shift, rotation=Quaternion(x=x, y=y, z=z, w=w))
     return transform
-
-
-def _vector(point: object) -> Vector3:
-    return Vector3(x=point.x, y=point.y, z=point.z)  # type: ignore[attr-defined]

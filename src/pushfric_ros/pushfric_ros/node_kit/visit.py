@@ -12,7 +12,6 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.task import Future
 from rclpy.utilities import get_rmw_implementation_identifier
 
 from pushfric_ros.node_kit.network import configured
@@ -49,8 +48,8 @@ SERVING_NOTHING: dict[str, Any] = {
 """Arguments of a node that only visits a cell: SROS 2 forbids services that its policy does not name."""
 
 
-class Visit(Generic[AnyNode]):
-    """A node in a context of its own, which takes no signals and is spun by hand; a context manager.
+class Visit(contextlib.AbstractContextManager["Visit[AnyNode]"], Generic[AnyNode]):
+    """A node in a context of its own, which takes no signals and is spun by hand.
 
     Args:
         make: makes the node; called with the keyword argument `context`.
@@ -75,21 +74,18 @@ class Visit(Generic[AnyNode]):
         with held_back():
             self._executor.spin_once(timeout_sec=seconds)
 
-    def spin_until(self, future: Future, seconds: float) -> bool:
-        """Spin for at most this long [s]; returns whether the future is done."""
+    def spin_until(self, condition: Callable[[], object], seconds: float) -> bool:
+        """Spin until a condition holds, but no longer than this [s]; returns whether it holds."""
         deadline = time.monotonic() + seconds
-        while not future.done() and time.monotonic() < deadline:
+        while not (holds := bool(condition())) and time.monotonic() < deadline:
             self.spin_once(0.05)
-        return future.done()
+        return holds
 
     def close(self) -> None:
         """Destroy the node and leave the graph."""
         self._executor.shutdown()
         self.node.destroy_node()
         rclpy.try_shutdown(context=self._context)
-
-    def __enter__(self) -> "Visit[AnyNode]":
-        return self
 
     def __exit__(self, *_: Any) -> None:
         self.close()

@@ -9,7 +9,7 @@ from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import FrameConfig, RequiredSubscribersConfig
 from pushfric_core.geometry.planar import TABLE
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.bodies import follow, source_of
+from pushfric_ros.node_kit.bodies import Following, source_of
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -26,36 +26,26 @@ class PoseSourceNode(Node):
         prefix = declare(self, FrameConfig).within(self.get_namespace())
         self._mount = declare(self, MountConfig)
         source = source_of(self, self._mount)
-        self._poses, self._problem = 0, ""
+        self._poses = 0
         topics = Diagnostics(self, self._health, prefix)
         Heartbeat(self)
         self._out = topics.advertise(PoseWithCovarianceStamped, "object_pose", RELIABLE)
         self._required_subscribers = RequiredSubscribers(self, self._out, declare(self, RequiredSubscribersConfig).heard_by)
-        follow(topics, source, self._on_body, self._on_problem)
+        self._following = Following(self, topics, source, self._on_body, "pose")
 
     def _on_body(self, body: Any) -> None:
         msg = PoseWithCovarianceStamped()
         msg.header.stamp, msg.header.frame_id = stamp_to_msg(self._mount.stamp(body)), TABLE
-        try:
-            msg.pose.pose = pose_to_msg(self._mount.pose(body))
-        except ValueError as error:
-            self._on_problem(error)
-            return
+        msg.pose.pose = pose_to_msg(self._mount.pose(body))
         if not self._required_subscribers.missing:
             self._out.publish(msg)
             self._poses += 1
-        self._problem = ""
-
-    def _on_problem(self, error: ValueError) -> None:
-        if not self._problem:
-            self.get_logger().error(f"no pose: {error}")
-        self._problem = str(error)
 
     def _health(self) -> Health:
         why = self._without_pose()
         values = {"poses": self._poses, NO_POSE: why}
         if why:
-            return Health(Level.ERROR if why == self._problem else Level.WARN, why, values)
+            return Health(Level.ERROR if why == self._following.problem else Level.WARN, why, values)
         return Health(Level.OK, "following" if self._poses else "waiting for a pose", values)
 
     def _without_pose(self) -> str:
@@ -63,7 +53,7 @@ class PoseSourceNode(Node):
         if silent := without_publisher(self):
             return f"no publisher of {', '.join(silent)}"
         missing = self._required_subscribers.missing
-        return self._problem or (f"waiting for {', '.join(missing)} to receive the poses" if missing else "")
+        return self._following.problem or (f"waiting for {', '.join(missing)} to receive the poses" if missing else "")
 
 
 def main() -> None:

@@ -94,7 +94,7 @@ class RecorderNode(Node):
         if lost:
             where = ", ".join(f"{losses.messages} of {name}{self._when(losses)}" for name, losses in lost.items())
             what = f"{self._bag.folder}: messages were lost before they could be recorded: {where}"
-            if any(losses.are_faults for losses in lost.values()):
+            if any(losses.promised for losses in lost.values()):
                 raise MessagesLost(what)
             print(f"warning: {what}", file=sys.stderr)
 

@@ -4,10 +4,7 @@ With a real controller, the physics, the camera and the operator remain: they fo
 time, and no clock is published.
 """
 
-import array
-import contextlib
 import math
-import os
 import pathlib
 import time
 from collections import deque
@@ -26,7 +23,7 @@ from pushfric_core.cell.node_settings import SWITCHES, FrameConfig, ObjectConfig
 from pushfric_core.errors import SolverFailed
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.contact import pushing_line
-from pushfric_core.geometry.planar import CAMERA, Pose
+from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import TABLE_1
 from pushfric_core.mechanics.simulation import PushedObject
@@ -37,7 +34,7 @@ from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.simulated.serial_controller import SerialController
 from pushfric_core.vision.camera import load_camera
 from pushfric_msgs.msg import PusherState
-from pushfric_ros.messages.conversions import stamp_to_msg
+from pushfric_ros.messages.conversions import image_to_msg, stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level
 from pushfric_ros.node_kit.parameters import declare
 from pushfric_ros.node_kit.process import run_node
@@ -118,7 +115,9 @@ class SimulatedCellNode(Node):
             make = plugin(SIMULATIONS, place.controller)
             self._controller = make(lambda: self._elapsed, travel=stage.stroke, max_speed=stage.max_speed)
             self._controller.start()
-            self._link(place.port_link)
+            link = pathlib.Path(place.port_link)
+            link.unlink(missing_ok=True)
+            link.symlink_to(self._controller.port)  # a pseudo-terminal, whose name is not known beforehand
             period, step = 1 / (config.frame_rate * STEPS_PER_FRAME) / run.speed, self._step
             self._period = period * run.speed
         else:
@@ -133,17 +132,9 @@ class SimulatedCellNode(Node):
     def destroy_node(self) -> None:
         """Remove the simulated serial port, too."""
         if self._controller is not None:
-            with contextlib.suppress(FileNotFoundError):
-                os.unlink(self._place.port_link)
+            pathlib.Path(self._place.port_link).unlink(missing_ok=True)
             self._controller.close()
         super().destroy_node()
-
-    def _link(self, path: str) -> None:
-        """Link the pseudo-terminal, whose name is not known beforehand, to a known path."""
-        assert self._controller is not None
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(path)
-        os.symlink(self._controller.port, path)
 
     def _step(self) -> None:
         """Advance by one step of simulated time, but not far beyond what the actuator has noticed."""
@@ -154,11 +145,11 @@ class SimulatedCellNode(Node):
         self._stepped = now
         self._steps += 1
         self._elapsed = self._steps * self._period
-        stamp = stamp_to_msg(START + round(self._elapsed * 1e9))
+        stamp = START + round(self._elapsed * 1e9)
         self._operate()
         self._controller.hold_in_reset(self._switched["emergency_stop"])
         self._push(self._controller.position())
-        self._clock_out.publish(ClockMsg(clock=stamp))
+        self._clock_out.publish(ClockMsg(clock=stamp_to_msg(stamp)))
         if self._steps % STEPS_PER_FRAME == 0:
             self._publish_frame(stamp)
 
@@ -174,7 +165,7 @@ class SimulatedCellNode(Node):
             self._push(float(np.interp(then - first, [stamp - first for stamp in stamps], positions)))
         if then > self._shown:
             self._shown = then
-            self._publish_frame(stamp_to_msg(then))
+            self._publish_frame(then)
 
     def _on_pusher_state(self, msg: PusherState) -> None:
         try:
@@ -199,14 +190,11 @@ class SimulatedCellNode(Node):
         if self._placing is not None and self._elapsed >= self._placing[0]:
             self._object.pose, self._placing, self._present = self._placing[1], None, True
 
-    def _publish_frame(self, stamp: Any) -> None:
+    def _publish_frame(self, stamp: int) -> None:
         if self._switched["unplug"]:
             return
         frame = self._camera.render(self._object.pose if self._present else None)
-        height, width = frame.shape
-        image = Image(height=height, width=width, encoding="mono8", step=width)
-        image.header.frame_id, image.header.stamp = CAMERA, stamp
-        image.data = array.array("B", frame.tobytes())
+        image = image_to_msg(frame, stamp)
         self._info.header = image.header
         self._image_out.publish(image)
         self._info_out.publish(self._info)

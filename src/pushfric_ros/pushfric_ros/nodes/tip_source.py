@@ -16,7 +16,7 @@ from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import TABLE, Array, inverse, transform
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
-from pushfric_ros.node_kit.bodies import follow, source_of
+from pushfric_ros.node_kit.bodies import Following, source_of
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -47,7 +47,7 @@ class TipSourceNode(Node):
         self._pose: Any = None  # the object's, when it was last seen
         self._last: tuple[int, Array] | None = None  # stamp [ns] and place [m] of the tip
         self._direction = np.array((1.0, 0.0))
-        self._pushes, self._near, self._problem = 0, False, ""
+        self._pushes, self._near = 0, False
         self._first: int | None = None  # stamp of the first state of this node [ns]
         self._bag = declare(self, TipNodeConfig).bag
         self._before = self._counted()
@@ -55,7 +55,7 @@ class TipSourceNode(Node):
         Heartbeat(self)
         self._out = topics.advertise(PusherState, "pusher_state", RELIABLE)
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, RELIABLE)
-        follow(topics, source, self._on_body, self._on_problem)
+        self._following = Following(self, topics, source, self._on_body, "tip")
         if self._before is not None:
             self.get_logger().warning(f"numbers the pushes on from {self._bag}")
             self._look = wall_timer(self, COUNT_PERIOD, self._count_on)
@@ -82,7 +82,7 @@ class TipSourceNode(Node):
         try:
             self._pose = pose_sample_from_msg(msg).pose
         except ValueError as error:
-            self._on_problem(error)
+            self._following.refuse(error)
 
     def _on_body(self, body: Any) -> None:
         stamp, tip = self._mount.stamp(body), self._mount.point(body)
@@ -99,7 +99,6 @@ class TipSourceNode(Node):
             self._count(tip)
         if self._first is None:
             self._first = stamp
-        self._problem = ""
         moving = speed > 0
         msg = PusherState(
             mode=PusherState.MODE_RUNNING if moving else PusherState.MODE_IDLE,
@@ -122,17 +121,12 @@ class TipSourceNode(Node):
         self._pushes += near and not self._near
         self._near = near
 
-    def _on_problem(self, error: ValueError) -> None:
-        if not self._problem:
-            self.get_logger().error(f"no tip: {error}")
-        self._problem = str(error)
-
     def _health(self) -> Health:
         values = {"pushes": self._pushes}
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
-        if self._problem:
-            return Health(Level.ERROR, self._problem, values)
+        if self._following.problem:
+            return Health(Level.ERROR, self._following.problem, values)
         return Health(Level.OK, "following" if self._last else "waiting for the tip", values)
 
 

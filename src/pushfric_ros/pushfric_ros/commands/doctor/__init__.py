@@ -15,12 +15,12 @@ from rich.text import Text
 from pushfric_core.cell.cell_file import CellConfig, CellFile, load_cell
 from pushfric_core.cell.node_settings import CameraConfig
 from pushfric_core.commands.application import STDOUT, Application
-from pushfric_core.commands.console import console, write_json
+from pushfric_core.commands.console import console
 from pushfric_core.commands.options import RUNS, JsonOption
+from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import ObjectModel, load_object
 from pushfric_core.pushers.pusher import Check, Grade
-from pushfric_core.records import to_json
 from pushfric_core.vision.camera import Camera, load_camera
 from pushfric_core.vision.frame_source import TOPICS
 from pushfric_ros.commands.doctor import camera, machine
@@ -137,7 +137,7 @@ def doctor(
     """Exit code 0: nothing failed; 1: a check failed; 2: wrong input, such as a cell file that cannot be read or is invalid."""
     with console.status("") as status:
         checks = list(examine(cell, RUNS, lambda what: status.update(f"checking the {what}")))
-    write_json(to_json(findings(checks)), json)
+    answer(findings(checks), json)
     if json != STDOUT:
         Console().print(table(checks))
     if not passed(checks):

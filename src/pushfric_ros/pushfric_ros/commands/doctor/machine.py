@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 from pushfric_core.commands import dependencies
 from pushfric_core.errors import InvalidInput
 from pushfric_core.pushers.pusher import Check, Grade
+from pushfric_ros.faults.processes import end
 from pushfric_ros.messages.types import message_class
 from pushfric_ros.node_kit.process import URGENT
 from pushfric_ros.node_kit.visit import middleware, visit
@@ -164,9 +165,6 @@ DDS_GROUP = "239.255.0.1"
 CALL_AGAIN = 1.0
 """A call without an answer is repeated after this long [s]."""
 
-LAST_WAIT = 5.0
-"""How long to wait for the child to end [s]."""
-
 
 def check_discovery() -> Check:
     """Whether a message reaches another process on this machine, and the answer comes back."""
@@ -207,7 +205,7 @@ def round_trip(patience: float) -> float | None:
         if not client.wait_for_service(timeout_sec=patience):
             return None
         while time.monotonic() - begin < 2 * patience:  # on a busy machine, the child may not know its caller yet
-            if here.spin_until(client.call_async(Trigger.Request()), CALL_AGAIN):
+            if here.spin_until(client.call_async(Trigger.Request()).done, CALL_AGAIN):
                 return time.monotonic() - begin
         return None
 
@@ -215,18 +213,14 @@ def round_trip(patience: float) -> float | None:
 @contextlib.contextmanager
 def _echo(name: str) -> Iterator[None]:
     """A child process that answers calls."""
-    child = subprocess.Popen([sys.executable, "-m", "pushfric_ros.nodes.echo", name], stdout=subprocess.PIPE, text=True)
-    try:
-        assert child.stdout is not None
-        child.stdout.readline()  # "ready"
-        yield
-    finally:
-        child.terminate()
+    command = [sys.executable, "-m", "pushfric_ros.nodes.echo", name]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         try:
-            child.communicate(timeout=LAST_WAIT)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.communicate()
+            assert child.stdout is not None
+            child.stdout.readline()  # "ready"
+            yield
+        finally:
+            end(child)
 
 
 def multicast(patience: float) -> str | None:

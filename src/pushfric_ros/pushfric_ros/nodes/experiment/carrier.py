@@ -1,11 +1,8 @@
 """The goals that the experiment has the pusher carry out."""
 
-import uuid
-
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.node import Node
-from unique_identifier_msgs.msg import UUID
 
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
@@ -29,16 +26,14 @@ class Carrier:
 
     async def carry(self, goal: Push.Goal) -> str | None:
         """Have the pusher carry out a goal, and own it meanwhile; return what went wrong, or None."""
-        owned = uuid.uuid4().bytes
-        self._heartbeat.own(owned)
-        problem = await self._owned(goal, owned)
+        problem = await self._owned(goal)
         self._heartbeat.own(None)
         return problem
 
-    async def _owned(self, goal: Push.Goal, owned: bytes) -> str | None:
+    async def _owned(self, goal: Push.Goal) -> str | None:
         pusher = self._pusher
         # feedback tells that the actuator has the goal
-        answered = self._action.send_goal_async(goal, lambda _: pusher.has_goal(), UUID(uuid=list(owned)))
+        answered = self._heartbeat.send(self._action, goal, lambda _: pusher.has_goal())
         pusher.has_goal()
         _, forgotten = await self._operator.until(answered.done, pusher.forgotten)
         if not answered.done():
