@@ -68,16 +68,13 @@ def _check_range(field: Any, name: str, value: Any) -> None:
     for number in value if isinstance(value, tuple) else (value,) if (low, high) != (None, None) else ():
         # `not <=` also catches NaN
         if isinstance(number, int | float) and not least <= number <= most:
-            raise ValueError(out_of_range(field, name, value, number))
+            raise ValueError(f"{name} must lie in [{least}, {most}], got {value}{_other_unit(field, number, least, most)}")
 
 
-def out_of_range(field: Any, name: str, value: object, number: float) -> str:
-    """The objection to a value with a number out of range, and the unit in which it would be in range."""
-    low, high = field.metadata.get("low"), field.metadata.get("high")
-    least, most = -math.inf if low is None else low, math.inf if high is None else high
+def _other_unit(field: Any, number: float, least: float, most: float) -> str:
+    """The question whether a number out of its range was written in another unit; empty if none would bring it into it."""
     unit = unit_in(field.metadata["description"])
-    asked = other_unit(unit, lambda factor: least <= number * factor <= most) if abs(number) > abs(most) else ""
-    return f"{name} must lie in [{'-inf' if low is None else low}, {'inf' if high is None else high}], got {value}{asked}"
+    return other_unit(unit, lambda factor: least <= number * factor <= most) if abs(number) > abs(most) else ""
 
 
 def unit_in(description: str) -> str:
@@ -113,9 +110,7 @@ def _read(config: type[Any], values: Mapping[str, Any], keys: bool) -> Any:
             given[field.name] = _converted(field, name, hints[field.name], values[name])
         elif is_required(field):
             raise ValueError(f"{name} must be given: {field.metadata['description']}")
-    made = config(**given)
-    check_ranges(made)  # a class from elsewhere may leave it to us
-    return made
+    return config(**given)
 
 
 def key_of(field: Any) -> str:
