@@ -190,10 +190,8 @@ def edge_samples(outline: Outline, clearance: float, samples: int) -> tuple[Arra
         normals.append(np.tile(normal, (count, 1)))
     at, outward = np.concatenate(points), np.concatenate(normals)
     # This edge must be the nearest one at both ends of its profile.
-    clear = [
-        all(outline.distance_to(point + side * clearance * normal) > 0.95 * clearance for side in (-1, 1))
-        for point, normal in zip(at, outward, strict=True)
-    ]
+    inside, outside = (outline.distances_to(at + side * clearance * outward) for side in (-1, 1))
+    clear = np.minimum(inside, outside) > 0.95 * clearance
     return at[clear], outward[clear]
 
 
