@@ -29,6 +29,7 @@ def setting(
     high: float | None = None,
     key: str | None = None,
     path: bool = False,
+    names: str = "",
 ) -> Any:
     """A dataclass field with its description.
 
@@ -38,8 +39,9 @@ def setting(
         low, high: its inclusive range. A float may be infinite only if `high` is.
         key: its name in a cell's file, if that differs from the field's.
         path: it may name a file; in a cell's file, a relative path starts at that file's folder.
+        names: what the text names, so that it must not be empty.
     """
-    metadata = {"description": description, "low": low, "high": high, "key": key, "path": path}
+    metadata = {"description": description, "low": low, "high": high, "key": key, "path": path, "names": names}
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -47,12 +49,12 @@ def check_ranges(config: Any) -> None:
     """Refuse a config whose values leave their ranges.
 
     Raises:
-        ValueError: names the field, its range and its value.
+        ValueError: names the field, its range and its value, or what an empty text must name.
     """
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)
         if value is not None:  # None, to be found by the program: only if the field's type allows it
-            _check_range(field, field.name, value)
+            _check_value(field, field.name, value)
 
 
 class Ranged:
@@ -62,7 +64,9 @@ class Ranged:
         check_ranges(self)
 
 
-def _check_range(field: Any, name: str, value: Any) -> None:
+def _check_value(field: Any, name: str, value: Any) -> None:
+    if value == "" and (names := field.metadata.get("names")):
+        raise ValueError(f"{name} must name {names}, got ''")
     low, high = field.metadata.get("low"), field.metadata.get("high")
     least, most = -math.inf if low is None else low, math.inf if high is None else high
     for number in value if isinstance(value, tuple) else (value,) if (low, high) != (None, None) else ():
@@ -172,7 +176,7 @@ def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
         got = "nothing" if value is None else shortened(shown)
         raise ValueError(f"{name} must be {expected(hint)}, got {got}") from None
     if converted is not None:
-        _check_range(field, name, converted)
+        _check_value(field, name, converted)
     return converted
 
 
