@@ -79,7 +79,7 @@ def estimate(
         check_image_name(figure)
     estimation = estimate_from(inputs[0], choices, warn, whole_course=figure is not None)
     result = estimation.result
-    for reason in estimation.verdict.reasons:
+    for reason in result.verdict.reasons:
         warn(reason.text)
     if figure is not None:
         save_figure(figure_of(estimation), figure)
@@ -97,7 +97,7 @@ def estimate(
     else:
         write_json(to_json(estimation.ledger.to_dict()), ledger)
     print_result(figures, json, estimation.settings.estimator.loss)
-    if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
+    if not result.verdict.use or (estimation.ledger.doubts and not partial):
         sys.exit(1)
 
 
