@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from pushfric_core.bags.bag import Bag, DamagedBag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BagMessage, Definition
-from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile, end_of_record
+from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile
 from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, decoder, definition
 from pushfric_core.bags.recovery import recover
 from pushfric_core.commands import cli
@@ -176,13 +176,10 @@ ELSEWHERE = {
 def places_of_each_kind(content: bytes, rng: np.random.Generator, count: int) -> dict[str, list[int]]:
     """Bytes to damage: of each kind of record, of its head and its content, and of the magic at both ends."""
     found = {"magic": [*range(8), *range(len(content) - 8, len(content))]}
-    stream, position = io.BytesIO(content), 8
-    while position < len(content) - 8:
-        end = end_of_record(stream, position, len(content))
-        kind = Opcode(content[position]).name
-        found.setdefault(f"head of {kind}", []).extend(range(position, position + 9))
-        found.setdefault(kind, []).extend(range(position + 9, end))
-        position = end
+    for code, begin, end in rearranged.records_of(content):
+        kind = Opcode(code).name
+        found.setdefault(f"head of {kind}", []).extend(range(begin, begin + 9))
+        found.setdefault(kind, []).extend(range(begin + 9, end))
     filled = {kind: places for kind, places in found.items() if places}
     return {kind: rng.choice(places, min(count, len(places)), replace=False).tolist() for kind, places in filled.items()}
 
