@@ -10,12 +10,10 @@ import io
 import itertools
 import os
 import pathlib
-import pty
 import select
 import shutil
 import tempfile
 import time
-import tty
 import zlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -55,6 +53,7 @@ from pushfric_core.pushers.pusher import PusherError
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.records import to_json
+from pushfric_core.simulated.serial_controller import pseudo_terminal
 from pushfric_core.vision.calibration import read_table_points
 from pushfric_core.vision.camera import Camera, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
@@ -238,10 +237,9 @@ PUSHES = b"contact_x,contact_y,normal_x,normal_y,half_width,cor_x,cor_y,turn\n0.
 
 def _converse(data: bytes, _: pathlib.Path) -> None:
     """Whatever a controller says, the driver only looks."""
-    ours, theirs = pty.openpty()
+    ours, theirs, port = pseudo_terminal()
     try:
-        tty.setraw(theirs)
-        driver = SerialPusher(SerialSettings(os.ttyname(theirs)), Grbl(), only_look=True)
+        driver = SerialPusher(SerialSettings(port), Grbl(), only_look=True)
         driver.connect()
         try:
             for begin in range(0, min(len(data), LONGEST_CONVERSATION), 40):

@@ -4,7 +4,6 @@ import itertools
 import os
 import re
 import time
-import tty
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -16,6 +15,7 @@ from pushfric_core.pushers.pusher import Halted, Held, Limits, Mode, NotConnecte
 from pushfric_core.pushers.serial_line import Refused
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
+from pushfric_core.simulated.serial_controller import pseudo_terminal
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
@@ -32,10 +32,7 @@ class Peer:
     """A controller whose answers the test scripts; it serves when called, in the thread of the test."""
 
     def __init__(self) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        os.set_blocking(self._master, False)
-        self.port = os.ttyname(slave)
+        self._master, slave, self.port = pseudo_terminal()
         self._slave: int | None = slave
         self.heard = b""  # everything except status queries
         self.status = IDLE
