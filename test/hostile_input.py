@@ -171,9 +171,9 @@ def targets() -> dict[str, Target]:
     table = load_object(OBJECT_NAME)
     outline = table.outline
     yamls = [*texts.values(), (DEMO / METADATA).read_bytes(), b"a: &a [1, 2]\nb: *a\nc: {d: 1.5, e: 'text'}\n"]
-    camera = _camera()
+    camera = _saved("camera.yaml", functools.partial(save_camera, Camera.looking_down(640, 480, (0.0, 0.0), 0.001)))
     return {
-        "yaml": Target(lambda data, _: load_yaml(data.decode("utf-8", "replace")), yamls, (ValueError,)),
+        "yaml": Target(_of_text(load_yaml), yamls, (ValueError,)),
         "object": Target(_of_file("object.yaml", lambda path: load_object(str(path))), [texts["object"]], (InvalidInput,)),
         "cell": Target(_of_file("cell.yaml", load_cell), [texts["cell"]], (InvalidInput,)),
         "plan": Target(_of_file("plan.yaml", lambda path: load_plan(str(path), table)), [texts["plan"]], (InvalidInput,)),
@@ -189,12 +189,9 @@ def targets() -> dict[str, Target]:
         "uncompressed bag": Target(_of_file("bag.mcap", _recover), [_uncompressed_bag()], (InvalidInput,)),
         "rearranged bag": Target(lambda data, folder: rearranged.try_one(zlib.crc32(data), folder), [b"seed"], ()),
         "growing bag": Target(_of_file("bag.mcap", _follow), [_small_bag(), _uncompressed_bag()], (ValueError,)),
-        "definition": Target(_decode_with, [definition(TYPES["observation"]).encode()], (InvalidInput, ValueError)),
+        "definition": Target(_of_text(_decode_with), [definition(TYPES["observation"]).encode()], (InvalidInput, ValueError)),
         "messages": Target(_use_messages, _messages(), (ValueError, PushfricError)),
-        "settings": Target(
-            lambda data, _: EstimatorSettings.from_text(data.decode("utf-8", "replace")),
-            [EstimatorSettings().to_text().encode()], (ValueError,)
-        ),
+        "settings": Target(_of_text(EstimatorSettings.from_text), [EstimatorSettings().to_text().encode()], (ValueError,)),
         "picture": Target(
             lambda data, _: picture_from(np.frombuffer(data, np.uint8), "png"), _pictures(), (ValueError,)
         ),
@@ -212,12 +209,13 @@ def targets() -> dict[str, Target]:
             _draw, [b'{"outline": [[0, 0], [1, 0], [0, 1]], "support": {"grid": [3, 3]}, "picture": [0, 0, 9]}'],
             (InvalidInput,),
         ),
-        "edited file": Target(_edit, [texts["cell"], b"a: 1\npusher: {line_origin: [0, 0]}\n<<: {c: 2}\n"], (ValueError,)),
+        "edited file": Target(
+            _of_text(_edit), [texts["cell"], b"a: 1\npusher: {line_origin: [0, 0]}\n<<: {c: 2}\n"], (ValueError,)
+        ),
         "earlier results": Target(_go_on, [_results()], ()),
         "question of a planner": Target(_answer, _questions(), (ValueError, PushfricError)),
         "topic to record": Target(
-            lambda data, _: RecorderConfig((data.decode("utf-8", "replace"),)), [b"/cell/text std_msgs/msg/String reliable"],
-            (ValueError,)
+            _of_text(lambda text: RecorderConfig((text,))), [b"/cell/text std_msgs/msg/String reliable"], (ValueError,)
         ),
         "domain": Target(_domain, [b"0", b"17", b"232"], (InvalidInput,)),
         "model": Target(_of_file("model.yaml", _use_model), [_model()], (InvalidInput,)),
@@ -268,10 +266,7 @@ def _recall(data: bytes, folder: pathlib.Path) -> None:
 def _model() -> bytes:
     known = load_object(OBJECT_NAME)
     model = make_model(known, Estimator(known.support_points).add(_observations()), "a test", EstimatorSettings())
-    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
-        path = pathlib.Path(folder) / "model.yaml"
-        save_model(model, path)
-        return path.read_bytes()
+    return _saved("model.yaml", lambda path: save_model(model, path))
 
 
 def _use_model(path: pathlib.Path) -> None:
@@ -290,6 +285,18 @@ def _of_file(name: str, read: Callable[[pathlib.Path], Any]) -> Callable[[bytes,
         return read(path)
 
     return run
+
+
+def _of_text(read: Callable[[str], Any]) -> Callable[[bytes, pathlib.Path], Any]:
+    return lambda data, _: read(data.decode("utf-8", "replace"))
+
+
+def _saved(name: str, save: Callable[[pathlib.Path], None]) -> bytes:
+    """The content of a file that is saved under this name."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / name
+        save(path)
+        return path.read_bytes()
 
 
 def _estimated(data: list[Observation]) -> None:
@@ -319,13 +326,6 @@ def _csv() -> bytes:
     return text.getvalue().encode()
 
 
-def _camera() -> bytes:
-    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
-        path = pathlib.Path(folder) / "camera.yaml"
-        save_camera(Camera.looking_down(640, 480, (0.0, 0.0), 0.001), path)
-        return path.read_bytes()
-
-
 def _pictures() -> list[bytes]:
     image = np.arange(64, dtype=np.uint8).reshape(8, 8)
     return [cv2.imencode(suffix, image)[1].tobytes() for suffix in (".png", ".jpg")]
@@ -347,8 +347,7 @@ def _read_bag(path: pathlib.Path) -> None:
     Recorded(path).read(load_object(OBJECT_NAME), EstimatorSettings(), lambda line: None, partial=True)
 
 
-def _decode_with(data: bytes, _: pathlib.Path) -> None:
-    text = data.decode("utf-8", "replace")
+def _decode_with(text: str) -> None:
     decoder(TYPES["observation"], Definition("ros2msg", text or " "))(_messages()[0][1:])
 
 
@@ -419,8 +418,8 @@ def _draw(data: bytes, folder: pathlib.Path) -> None:
     to_json(drawn.figures())
 
 
-def _edit(data: bytes, _: pathlib.Path) -> None:
-    with_values(data.decode("utf-8", "replace"), "pusher", {"line_origin": [0.1, 0.2]})
+def _edit(text: str) -> None:
+    with_values(text, "pusher", {"line_origin": [0.1, 0.2]})
 
 
 @functools.cache
