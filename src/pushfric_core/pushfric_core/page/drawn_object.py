@@ -258,8 +258,7 @@ def draw_in_a_browser(drawn: DrawnObject, source: Frames | None, shown: ViewConf
     with contextlib.nullcontext() if source is None else source:
         if source is not None:
             drawn.show(_next_picture(source), source.name)
-        server = PageServer(shown, "drawing.html", requests.put, *ADDRESSES)
-        try:
+        with contextlib.closing(PageServer(shown, "drawing.html", requests.put, *ADDRESSES)) as server:
             announce(f"view: {server.url}")
             saved = False
             while not saved:
@@ -282,8 +281,6 @@ def draw_in_a_browser(drawn: DrawnObject, source: Frames | None, shown: ViewConf
                 except (InvalidInput, OSError) as error:
                     reply = {"done": False, "message": str(error)}
                 asked.answer(reply)
-        finally:
-            server.close()
 
 
 def _next_picture(source: Frames) -> Image:
