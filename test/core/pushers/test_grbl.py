@@ -242,9 +242,7 @@ def test_noise_at_boot_is_ignored(peer):
 
 
 def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
-    pusher = driver(peer.port, connect_timeout=1.0)
-    pusher.connect()
-    drive(pusher, lambda: not pusher.busy, peer)
+    pusher = connect(peer, greet="")
     assert peer.heard == ASKED
     assert pusher.mode is Mode.IDLE
     assert pusher.doubt is None
@@ -274,10 +272,8 @@ def test_a_port_where_nothing_answers(peer, monkeypatch):
 
 
 def test_an_old_grbl_is_refused(peer):
-    pusher = driver(peer.port)
-    pusher.connect()
-    peer.say("\r\nGrbl 0.9j ['$' for help]\r\n")
-    fail(pusher, NotConnected, r"Grbl 0\.9j at .* is too old, expected Grbl 1\.1", peer)
+    with pytest.raises(NotConnected, match=r"Grbl 0\.9j at .* is too old, expected Grbl 1\.1"):
+        connect(peer, "\r\nGrbl 0.9j ['$' for help]\r\n")
 
 
 def test_a_port_that_is_not_there():
@@ -307,10 +303,7 @@ def test_a_pusher_that_is_not_connected_cannot_be_used():
 
 def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
-    pusher = driver(peer.port)
-    pusher.connect()
-    peer.say(GREETING + "[MSG:'$H'|'$X' to unlock]\r\n")
-    drive(pusher, lambda: not pusher.busy, peer)
+    pusher = connect(peer, GREETING + "[MSG:'$H'|'$X' to unlock]\r\n")
     assert peer.heard == ASKED
     assert pusher.mode is Mode.ALARM
     pusher.recover()
@@ -389,9 +382,7 @@ def test_an_axis_that_runs_backwards(peer):
     peer.status = "<Idle|MPos:0.000,-4.000,0.000|FS:0,0|WCO:0.000,6.000,0.000>"
     pusher = connect(peer, axis="-Y")
     assert report_now(pusher, peer).position == pytest.approx(0.010)
-    peer.heard = b""
-    pusher.move_to(0.0105, 0.01)
-    drive(pusher, lambda: peer.heard.endswith(b"\n"), peer, ask=False)
+    begin_move(pusher, peer, 0.0105, 0.01)
     assert peer.heard == b"\x90$J=G21G90Y-10.500F600.000\n"
 
 
