@@ -16,9 +16,9 @@ import zstandard
 from calls import invoked
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
+from semantic_damage import Recording
 
 from pushfric_core.bags.bag import Bag, DamagedBag
-from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BagMessage, Definition
 from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile
 from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, decoder, definition
@@ -139,15 +139,6 @@ def test_verify_says_whether_a_bag_is_whole(copy, damage, code, monkeypatch, cap
 # --- single bytes ---
 
 
-def recorded_by_pushfric(folder: pathlib.Path, messages: list[BagMessage]) -> bytes:
-    with BagWriter(folder) as writer:
-        for topic in Bag(DEMO).summary.topics:
-            writer.add_topic(topic.name, topic.type_name, topic.qos_profiles)
-        for message in messages:
-            writer.write(message.topic, message.log_time_ns, message.raw)
-    return mcap_of(folder).read_bytes()
-
-
 def recorded_elsewhere(messages: list[BagMessage], compression: CompressionType, **options: object) -> bytes:
     """As `ros2 bag record` does it: no numbers, and by default checksums of the chunks and of the summary alone."""
     stream = io.BytesIO()
@@ -190,7 +181,7 @@ def test_no_damaged_byte_of_any_record_is_silent(tmp_path, rng, layout, finished
     """A bag with a wrong byte is read to the same messages, or is said to be damaged; what it then holds and misses is all."""
     messages = messages_of(DEMO)[:300]
     if layout == "pushfric":
-        content = recorded_by_pushfric(tmp_path / "whole", messages)
+        content = mcap_of(Recording(DEMO).write(tmp_path / "whole", messages)).read_bytes()
     else:
         compression, options = ELSEWHERE[layout]
         content = recorded_elsewhere(messages, compression, **options)
