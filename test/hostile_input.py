@@ -4,9 +4,8 @@ A failure names the target and the seed, from which `mutated` makes its bytes ag
 """
 
 import atexit
-import csv
+import contextlib
 import functools
-import io
 import itertools
 import os
 import pathlib
@@ -17,6 +16,7 @@ import time
 import zlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -37,7 +37,7 @@ from pushfric_core.bags.run_record import TYPES
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig
-from pushfric_core.files.csv_files import OPTIONAL, REQUIRED, read_edge_pushes, read_observations, read_point_pushes
+from pushfric_core.files.csv_files import read_edge_pushes, read_observations, read_point_pushes
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object, read_points
@@ -54,6 +54,7 @@ from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.records import to_json
 from pushfric_core.simulated.serial_controller import pseudo_terminal
+from pushfric_core.trajectories.observations import Observations
 from pushfric_core.vision.calibration import read_table_points
 from pushfric_core.vision.camera import Camera, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
@@ -217,7 +218,7 @@ def targets() -> dict[str, Target]:
         "topic to record": Target(
             _of_text(lambda text: RecorderConfig((text,))), [b"/cell/text std_msgs/msg/String reliable"], (ValueError,)
         ),
-        "domain": Target(_domain, [b"0", b"17", b"232"], (InvalidInput,)),
+        "domain": Target(_of_text(_domain), [b"0", b"17", b"232"], (InvalidInput,)),
         "model": Target(_of_file("model.yaml", _use_model), [_model()], (InvalidInput,)),
     }  # fmt: skip
 
@@ -237,17 +238,14 @@ def _converse(data: bytes, _: pathlib.Path) -> None:
     """Whatever a controller says, the driver only looks."""
     ours, theirs, port = pseudo_terminal()
     try:
-        driver = SerialPusher(SerialSettings(port), Grbl(), only_look=True)
-        driver.connect()
-        try:
+        with contextlib.closing(SerialPusher(SerialSettings(port), Grbl(), only_look=True)) as driver:
+            driver.connect()
             for begin in range(0, min(len(data), LONGEST_CONVERSATION), 40):
                 os.write(ours, data[begin : begin + 40])
                 driver.poll(begin)
                 driver.ask(begin)
                 while select.select([ours], [], [], 0)[0]:  # what the driver asks
                     os.read(ours, 4096)
-        finally:
-            driver.close()
     finally:
         os.close(ours)
         os.close(theirs)
@@ -302,28 +300,20 @@ def _saved(name: str, save: Callable[[pathlib.Path], None]) -> bytes:
 def _estimated(data: list[Observation]) -> None:
     estimator = Estimator(load_object(OBJECT_NAME).support_points)
     for observation in data:
-        try:
+        with contextlib.suppress(PushfricError):  # the observation says nothing, or contradicts the others
             estimator.add(observation)
-        except PushfricError:  # the observation says nothing, or contradicts the others
-            continue
 
 
 def _observations() -> list[Observation]:
-    edge = (0.0, -1.0)
     return [
-        Observation((0.01 * number, -0.032), edge, Twist(0.001 * number, 0.02, 0.05), number, 0.001, 0.1, 10**9 + number,
+        Observation((0.01 * number, -0.032), (0.0, -1.0), Twist(0.001 * number, 0.02, 0.05), number, 0.001, 0.1, 10**9 + number,
                     Pose(0.1, 0.2, 0.3), (0.1, 2.0))
-        for number in range(-3, 4) if number >= 0
+        for number in range(4)
     ]  # fmt: skip
 
 
 def _csv() -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow((*REQUIRED, *OPTIONAL))
-    for o in _observations():
-        writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, o.half_width, *(o.force or ())))
-    return text.getvalue().encode()
+    return Observations(_observations()).to_frame().to_csv(index=False).encode()
 
 
 def _pictures() -> list[bytes]:
@@ -507,14 +497,6 @@ def _answer(data: bytes, _: pathlib.Path) -> None:
             pass
 
 
-def _domain(data: bytes, _: pathlib.Path) -> None:
-    text = data.replace(b"\0", b"").decode("utf-8", "replace")  # no variable of an environment holds a NUL
-    before = os.environ.get("ROS_DOMAIN_ID")
-    os.environ["ROS_DOMAIN_ID"] = text
-    try:
+def _domain(text: str) -> None:
+    with mock.patch.dict(os.environ, ROS_DOMAIN_ID=text.replace("\0", "")):  # no variable of an environment holds a NUL
         domain()
-    finally:
-        if before is None:
-            del os.environ["ROS_DOMAIN_ID"]
-        else:
-            os.environ["ROS_DOMAIN_ID"] = before
