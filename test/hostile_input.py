@@ -4,21 +4,19 @@ A failure names the target and the seed, from which `mutated` makes its bytes ag
 """
 
 import atexit
-import csv
+import contextlib
 import functools
-import io
 import itertools
 import os
 import pathlib
-import pty
 import select
 import shutil
 import tempfile
 import time
-import tty
 import zlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
+from unittest import mock
 
 import cv2
 import numpy as np
@@ -39,7 +37,7 @@ from pushfric_core.bags.run_record import TYPES
 from pushfric_core.bags.samples import force_sample_from_msg, observation_from_msg, pose_sample_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, RecorderConfig
-from pushfric_core.files.csv_files import OPTIONAL, REQUIRED, read_edge_pushes, read_observations, read_point_pushes
+from pushfric_core.files.csv_files import read_edge_pushes, read_observations, read_point_pushes
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import load_model, make_model, save_model
 from pushfric_core.files.object_file import load_object, read_points
@@ -55,6 +53,8 @@ from pushfric_core.pushers.pusher import PusherError
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.records import to_json
+from pushfric_core.simulated.serial_controller import pseudo_terminal
+from pushfric_core.trajectories.observations import Observations
 from pushfric_core.vision.calibration import read_table_points
 from pushfric_core.vision.camera import Camera, load_camera, picture_from, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
@@ -172,9 +172,9 @@ def targets() -> dict[str, Target]:
     table = load_object(OBJECT_NAME)
     outline = table.outline
     yamls = [*texts.values(), (DEMO / METADATA).read_bytes(), b"a: &a [1, 2]\nb: *a\nc: {d: 1.5, e: 'text'}\n"]
-    camera = _camera()
+    camera = _saved("camera.yaml", functools.partial(save_camera, Camera.looking_down(640, 480, (0.0, 0.0), 0.001)))
     return {
-        "yaml": Target(lambda data, _: load_yaml(data.decode("utf-8", "replace")), yamls, (ValueError,)),
+        "yaml": Target(_of_text(load_yaml), yamls, (ValueError,)),
         "object": Target(_of_file("object.yaml", lambda path: load_object(str(path))), [texts["object"]], (InvalidInput,)),
         "cell": Target(_of_file("cell.yaml", load_cell), [texts["cell"]], (InvalidInput,)),
         "plan": Target(_of_file("plan.yaml", lambda path: load_plan(str(path), table)), [texts["plan"]], (InvalidInput,)),
@@ -190,12 +190,9 @@ def targets() -> dict[str, Target]:
         "uncompressed bag": Target(_of_file("bag.mcap", _recover), [_uncompressed_bag()], (InvalidInput,)),
         "rearranged bag": Target(lambda data, folder: rearranged.try_one(zlib.crc32(data), folder), [b"seed"], ()),
         "growing bag": Target(_of_file("bag.mcap", _follow), [_small_bag(), _uncompressed_bag()], (ValueError,)),
-        "definition": Target(_decode_with, [definition(TYPES["observation"]).encode()], (InvalidInput, ValueError)),
+        "definition": Target(_of_text(_decode_with), [definition(TYPES["observation"]).encode()], (InvalidInput, ValueError)),
         "messages": Target(_use_messages, _messages(), (ValueError, PushfricError)),
-        "settings": Target(
-            lambda data, _: EstimatorSettings.from_text(data.decode("utf-8", "replace")),
-            [EstimatorSettings().to_text().encode()], (ValueError,)
-        ),
+        "settings": Target(_of_text(EstimatorSettings.from_text), [EstimatorSettings().to_text().encode()], (ValueError,)),
         "picture": Target(
             lambda data, _: picture_from(np.frombuffer(data, np.uint8), "png"), _pictures(), (ValueError,)
         ),
@@ -213,14 +210,15 @@ def targets() -> dict[str, Target]:
             _draw, [b'{"outline": [[0, 0], [1, 0], [0, 1]], "support": {"grid": [3, 3]}, "picture": [0, 0, 9]}'],
             (InvalidInput,),
         ),
-        "edited file": Target(_edit, [texts["cell"], b"a: 1\npusher: {line_origin: [0, 0]}\n<<: {c: 2}\n"], (ValueError,)),
+        "edited file": Target(
+            _of_text(_edit), [texts["cell"], b"a: 1\npusher: {line_origin: [0, 0]}\n<<: {c: 2}\n"], (ValueError,)
+        ),
         "earlier results": Target(_go_on, [_results()], ()),
         "question of a planner": Target(_answer, _questions(), (ValueError, PushfricError)),
         "topic to record": Target(
-            lambda data, _: RecorderConfig((data.decode("utf-8", "replace"),)), [b"/cell/text std_msgs/msg/String reliable"],
-            (ValueError,)
+            _of_text(lambda text: RecorderConfig((text,))), [b"/cell/text std_msgs/msg/String reliable"], (ValueError,)
         ),
-        "domain": Target(_domain, [b"0", b"17", b"232"], (InvalidInput,)),
+        "domain": Target(_of_text(_domain), [b"0", b"17", b"232"], (InvalidInput,)),
         "model": Target(_of_file("model.yaml", _use_model), [_model()], (InvalidInput,)),
     }  # fmt: skip
 
@@ -238,20 +236,16 @@ PUSHES = b"contact_x,contact_y,normal_x,normal_y,half_width,cor_x,cor_y,turn\n0.
 
 def _converse(data: bytes, _: pathlib.Path) -> None:
     """Whatever a controller says, the driver only looks."""
-    ours, theirs = pty.openpty()
+    ours, theirs, port = pseudo_terminal()
     try:
-        tty.setraw(theirs)
-        driver = SerialPusher(SerialSettings(os.ttyname(theirs)), Grbl(), only_look=True)
-        driver.connect()
-        try:
+        with contextlib.closing(SerialPusher(SerialSettings(port), Grbl(), only_look=True)) as driver:
+            driver.connect()
             for begin in range(0, min(len(data), LONGEST_CONVERSATION), 40):
                 os.write(ours, data[begin : begin + 40])
                 driver.poll(begin)
                 driver.ask(begin)
                 while select.select([ours], [], [], 0)[0]:  # what the driver asks
                     os.read(ours, 4096)
-        finally:
-            driver.close()
     finally:
         os.close(ours)
         os.close(theirs)
@@ -270,10 +264,7 @@ def _recall(data: bytes, folder: pathlib.Path) -> None:
 def _model() -> bytes:
     known = load_object(OBJECT_NAME)
     model = make_model(known, Estimator(known.support_points).add(_observations()), "a test", EstimatorSettings())
-    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
-        path = pathlib.Path(folder) / "model.yaml"
-        save_model(model, path)
-        return path.read_bytes()
+    return _saved("model.yaml", lambda path: save_model(model, path))
 
 
 def _use_model(path: pathlib.Path) -> None:
@@ -294,38 +285,35 @@ def _of_file(name: str, read: Callable[[pathlib.Path], Any]) -> Callable[[bytes,
     return run
 
 
+def _of_text(read: Callable[[str], Any]) -> Callable[[bytes, pathlib.Path], Any]:
+    return lambda data, _: read(data.decode("utf-8", "replace"))
+
+
+def _saved(name: str, save: Callable[[pathlib.Path], None]) -> bytes:
+    """The content of a file that is saved under this name."""
+    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
+        path = pathlib.Path(folder) / name
+        save(path)
+        return path.read_bytes()
+
+
 def _estimated(data: list[Observation]) -> None:
     estimator = Estimator(load_object(OBJECT_NAME).support_points)
     for observation in data:
-        try:
+        with contextlib.suppress(PushfricError):  # the observation says nothing, or contradicts the others
             estimator.add(observation)
-        except PushfricError:  # the observation says nothing, or contradicts the others
-            continue
 
 
 def _observations() -> list[Observation]:
-    edge = (0.0, -1.0)
     return [
-        Observation((0.01 * number, -0.032), edge, Twist(0.001 * number, 0.02, 0.05), number, 0.001, 0.1, 10**9 + number,
+        Observation((0.01 * number, -0.032), (0.0, -1.0), Twist(0.001 * number, 0.02, 0.05), number, 0.001, 0.1, 10**9 + number,
                     Pose(0.1, 0.2, 0.3), (0.1, 2.0))
-        for number in range(-3, 4) if number >= 0
+        for number in range(4)
     ]  # fmt: skip
 
 
 def _csv() -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow((*REQUIRED, *OPTIONAL))
-    for o in _observations():
-        writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, o.half_width, *(o.force or ())))
-    return text.getvalue().encode()
-
-
-def _camera() -> bytes:
-    with tempfile.TemporaryDirectory(prefix="pushfric-fuzz-") as folder:
-        path = pathlib.Path(folder) / "camera.yaml"
-        save_camera(Camera.looking_down(640, 480, (0.0, 0.0), 0.001), path)
-        return path.read_bytes()
+    return Observations(_observations()).to_frame().to_csv(index=False).encode()
 
 
 def _pictures() -> list[bytes]:
@@ -349,8 +337,7 @@ def _read_bag(path: pathlib.Path) -> None:
     Recorded(path).read(load_object(OBJECT_NAME), EstimatorSettings(), lambda line: None, partial=True)
 
 
-def _decode_with(data: bytes, _: pathlib.Path) -> None:
-    text = data.decode("utf-8", "replace")
+def _decode_with(text: str) -> None:
     decoder(TYPES["observation"], Definition("ros2msg", text or " "))(_messages()[0][1:])
 
 
@@ -421,8 +408,8 @@ def _draw(data: bytes, folder: pathlib.Path) -> None:
     to_json(drawn.figures())
 
 
-def _edit(data: bytes, _: pathlib.Path) -> None:
-    with_values(data.decode("utf-8", "replace"), "pusher", {"line_origin": [0.1, 0.2]})
+def _edit(text: str) -> None:
+    with_values(text, "pusher", {"line_origin": [0.1, 0.2]})
 
 
 @functools.cache
@@ -510,14 +497,6 @@ def _answer(data: bytes, _: pathlib.Path) -> None:
             pass
 
 
-def _domain(data: bytes, _: pathlib.Path) -> None:
-    text = data.replace(b"\0", b"").decode("utf-8", "replace")  # no variable of an environment holds a NUL
-    before = os.environ.get("ROS_DOMAIN_ID")
-    os.environ["ROS_DOMAIN_ID"] = text
-    try:
+def _domain(text: str) -> None:
+    with mock.patch.dict(os.environ, ROS_DOMAIN_ID=text.replace("\0", "")):  # no variable of an environment holds a NUL
         domain()
-    finally:
-        if before is None:
-            del os.environ["ROS_DOMAIN_ID"]
-        else:
-            os.environ["ROS_DOMAIN_ID"] = before

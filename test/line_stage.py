@@ -48,6 +48,11 @@ class LineStage:
             time.sleep(0.002)
         return reports
 
+    def push(self, pusher: SerialPusher, target: float) -> list:
+        """Go to a target [m] and return the reports."""
+        pusher.move_to(target, SPEED)
+        return self.drive(pusher, lambda: not pusher.busy)
+
     def fails(
         self, pusher: SerialPusher, error: type[PusherError] | tuple[type[PusherError], ...], text: str | None = None
     ) -> PusherError:

@@ -1,4 +1,4 @@
-"""The command line where some modules are missing, and the extras that bring them."""
+"""Programs and the command line where some modules are missing, and the extras that bring them."""
 
 import configparser
 import pathlib
@@ -18,16 +18,25 @@ class Missing:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 
 sys.meta_path.insert(0, Missing())
+"""
+
+MAIN = """
 from pushfric_core.__main__ import main
 main()
 """
 
 
+def python_without(
+    modules: Iterable[str], program: str, folder: pathlib.Path, *arguments: object
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in a folder as if these modules were not installed."""
+    command = [sys.executable, "-c", WITHOUT.replace("MODULES", repr(tuple(modules))) + program, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=folder, check=False)
+
+
 def pushfric_without(modules: Iterable[str], *arguments: object) -> subprocess.CompletedProcess[str]:
     """Run the command line, in the project's folder, as if these modules were not installed."""
-    program = WITHOUT.replace("MODULES", repr(tuple(modules)))
-    command = [sys.executable, "-c", program, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=240, cwd=ROOT, check=False)
+    return python_without(modules, MAIN, ROOT, *arguments)
 
 
 def options(package: str) -> configparser.ConfigParser:

@@ -81,7 +81,7 @@ setup(
     ext_modules=compiled(),
     cmdclass={"build_ext": BuildExtensions},
     package_data={
-        "pushfric_core": ["py.typed"],
+        "pushfric_core": ["py.typed", "*.pyi"],
         "": ["*.pxd"],
         "pushfric_core.bags": ["msg/*.msg"],
         "pushfric_core.page": ["run/*", "work/*"],

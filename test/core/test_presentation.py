@@ -2,13 +2,12 @@
 
 import importlib.util
 import pathlib
-import subprocess
-import sys
 
 import numpy as np
 import pandas
 import pytest
 from matplotlib.figure import Figure
+from missing import python_without
 from problems import observations_of
 
 from pushfric_core import (
@@ -29,24 +28,7 @@ BAG = ROOT / "bags/rubber_rect4"
 KNOWN = TABLE_1["rubber_rect4"]
 DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 12, np.random.default_rng(5))
 
-BARE = """
-import sys
-
-class Missing:
-    def find_spec(self, name, path, target=None):
-        if name.partition(".")[0] in {names}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
-
-sys.meta_path.insert(0, Missing())
-"""
-"""As if these packages were not installed."""
-
 EXTRAS = {"mcap", "rosbags", "lz4", "zstandard", "cv2", "serial", "matplotlib", "PIL", "osqp", "pandas"}
-
-
-def bare(code, cwd, names=EXTRAS):
-    run = [sys.executable, "-c", BARE.format(names=names) + code]
-    return subprocess.run(run, capture_output=True, text=True, check=False, cwd=cwd)
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +141,8 @@ import pushfric_core as p
 data = p.Observations([p.Observation((0.01, -0.03), (0.0, -1.0), p.Twist(0.0, 0.02, 0.1))])
 estimate = p.Estimator([[-0.05, 0.0], [0.05, 0.0]]).add(data)
 """
-    found = bare(f"{before}\ntry:\n    {code}\nexcept p.MissingPackage as error:\n    print(error)", tmp_path)
+    program = f"{before}\ntry:\n    {code}\nexcept p.MissingPackage as error:\n    print(error)"
+    found = python_without(EXTRAS, program, tmp_path)
     assert found.stdout == f"{said}\n", found.stderr
     assert issubclass(MissingPackage, ImportError)
     assert installing("plot") == f"pip install '{pathlib.Path(__file__).parents[2]}/src/pushfric_core[plot]'"

@@ -46,11 +46,6 @@ class Stage(LineStage):
 
         self.line.to_controller = heard
 
-    def push(self, pusher: SerialPusher, target: float = FAR, speed: float = SPEED) -> list:
-        """Go to a target and return the reports."""
-        pusher.move_to(target, speed)
-        return self.drive(pusher, lambda: not pusher.busy)
-
     def under_way(self, pusher: SerialPusher, place: float = 0.01) -> None:
         """Begin a stroke, and poll until the carriage has passed a place [m]."""
         pusher.move_to(FAR, SPEED)
@@ -79,7 +74,7 @@ def test_a_stop_is_immediate_and_keeps_the_position(stage: Stage) -> None:
         assert rest - begin <= DEAD_MAN / 2  # the most of what had been sent is not carried out
         assert pusher.doubt is None
         assert pusher.axis.last.position == pytest.approx(rest, abs=ROUNDED)
-        stage.push(pusher)
+        stage.push(pusher, FAR)
         assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
 
 
@@ -103,7 +98,7 @@ def test_no_speed_is_reported_that_late_answers_do_not_prove(stage: Stage) -> No
 
     with contextlib.closing(stage.driver()) as pusher:
         stage.line.to_host = said
-        assert 0 < max(report.speed for report in stage.push(pusher)) <= 1.05 * SPEED
+        assert 0 < max(report.speed for report in stage.push(pusher, FAR)) <= 1.05 * SPEED
         assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
 
 

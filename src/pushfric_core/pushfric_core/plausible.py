@@ -42,10 +42,7 @@ def check_within(what: str, values: Iterable[float], most: float, unit: str) -> 
         ValueError: one is not finite, or its absolute value is larger than `most`.
     """
     numbers = tuple(map(float, values))
-    for number in numbers:
-        if not abs(number) <= most:
-            break
-    else:
+    if all(abs(number) <= most for number in numbers):
         return
     got = f"{numbers[0]:g}" if len(numbers) == 1 else f"{numbers}"
     if not all(map(math.isfinite, numbers)):

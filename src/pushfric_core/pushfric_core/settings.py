@@ -29,6 +29,7 @@ def setting(
     high: float | None = None,
     key: str | None = None,
     path: bool = False,
+    names: str = "",
 ) -> Any:
     """A dataclass field with its description.
 
@@ -38,8 +39,9 @@ def setting(
         low, high: its inclusive range. A float may be infinite only if `high` is.
         key: its name in a cell's file, if that differs from the field's.
         path: it may name a file; in a cell's file, a relative path starts at that file's folder.
+        names: what the text names, so that it must not be empty.
     """
-    metadata = {"description": description, "low": low, "high": high, "key": key, "path": path}
+    metadata = {"description": description, "low": low, "high": high, "key": key, "path": path, "names": names}
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -47,12 +49,12 @@ def check_ranges(config: Any) -> None:
     """Refuse a config whose values leave their ranges.
 
     Raises:
-        ValueError: names the field, its range and its value.
+        ValueError: names the field, its range and its value, or what an empty text must name.
     """
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)
         if value is not None:  # None, to be found by the program: only if the field's type allows it
-            _check_range(field, field.name, value)
+            _check_value(field, field.name, value)
 
 
 class Ranged:
@@ -62,22 +64,21 @@ class Ranged:
         check_ranges(self)
 
 
-def _check_range(field: Any, name: str, value: Any) -> None:
+def _check_value(field: Any, name: str, value: Any) -> None:
+    if value == "" and (names := field.metadata.get("names")):
+        raise ValueError(f"{name} must name {names}, got ''")
     low, high = field.metadata.get("low"), field.metadata.get("high")
     least, most = -math.inf if low is None else low, math.inf if high is None else high
     for number in value if isinstance(value, tuple) else (value,) if (low, high) != (None, None) else ():
         # `not <=` also catches NaN
         if isinstance(number, int | float) and not least <= number <= most:
-            raise ValueError(out_of_range(field, name, value, number))
+            raise ValueError(f"{name} must lie in [{least}, {most}], got {value}{_other_unit(field, number, least, most)}")
 
 
-def out_of_range(field: Any, name: str, value: object, number: float) -> str:
-    """The objection to a value with a number out of range, and the unit in which it would be in range."""
-    low, high = field.metadata.get("low"), field.metadata.get("high")
-    least, most = -math.inf if low is None else low, math.inf if high is None else high
+def _other_unit(field: Any, number: float, least: float, most: float) -> str:
+    """The question whether a number out of its range was written in another unit; empty if none would bring it into it."""
     unit = unit_in(field.metadata["description"])
-    asked = other_unit(unit, lambda factor: least <= number * factor <= most) if abs(number) > abs(most) else ""
-    return f"{name} must lie in [{'-inf' if low is None else low}, {'inf' if high is None else high}], got {value}{asked}"
+    return other_unit(unit, lambda factor: least <= number * factor <= most) if abs(number) > abs(most) else ""
 
 
 def unit_in(description: str) -> str:
@@ -113,9 +114,7 @@ def _read(config: type[Any], values: Mapping[str, Any], keys: bool) -> Any:
             given[field.name] = _converted(field, name, hints[field.name], values[name])
         elif is_required(field):
             raise ValueError(f"{name} must be given: {field.metadata['description']}")
-    made = config(**given)
-    check_ranges(made)  # a class from elsewhere may leave it to us
-    return made
+    return config(**given)
 
 
 def key_of(field: Any) -> str:
@@ -177,7 +176,7 @@ def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
         got = "nothing" if value is None else shortened(shown)
         raise ValueError(f"{name} must be {expected(hint)}, got {got}") from None
     if converted is not None:
-        _check_range(field, name, converted)
+        _check_value(field, name, converted)
     return converted
 
 

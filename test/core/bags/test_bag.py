@@ -1,9 +1,11 @@
 """Bags: what is written is read back, by pushfric and by other readers; a broken bag is refused in one line or rescued."""
 
+import contextlib
 import pathlib
 import resource
 import subprocess
 import sys
+from collections.abc import Iterator
 
 import pytest
 import yaml
@@ -48,6 +50,18 @@ def content(message: BagMessage) -> object:
 
 def text(data: str) -> bytes:
     return serialize_message(String(data=data))
+
+
+@contextlib.contextmanager
+def too_large_beyond(size: int) -> Iterator[None]:
+    """A bag whose file would be larger than this [bytes] cannot be written in here, which is what is expected."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        with pytest.raises(InvalidInput, match="cannot write the bag: File too large"):
+            yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def write_texts(folder: pathlib.Path, count: int, flush_every: int = 0) -> list[tuple[int, bytes]]:
@@ -282,16 +296,11 @@ def test_whichever_byte_is_the_last_that_the_disk_takes_what_was_flushed_is_save
 
     flushed: list[int] = []
     record(tmp_path / "whole")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     for limit in range(1, mcap_of(tmp_path / "whole").stat().st_size, 53):
         bag = tmp_path / f"bag {limit}"
         flushed.clear()
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
-        try:
-            with pytest.raises(InvalidInput, match="cannot write the bag: File too large"):
-                record(bag)
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        with too_large_beyond(limit):
+            record(bag)
         assert [file.name for file in bag.iterdir()] == [f"{bag.name}_0.mcap"]
         if flushed:
             recover(bag, tmp_path / f"saved {limit}")
@@ -327,13 +336,8 @@ def test_a_recovery_that_cannot_be_written_leaves_no_folder(tmp_path, rng, size)
         writer.add_topic("/text", STRING, [offered(RELIABLE)])
         for number in range(20):
             writer.write("/text", number, text(rng.bytes(2000).hex()))
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
-    try:
-        with pytest.raises(InvalidInput, match="cannot write the bag: File too large"):
-            recover(tmp_path / "bag", tmp_path / "out")
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with too_large_beyond(size):
+        recover(tmp_path / "bag", tmp_path / "out")
     assert [one.name for one in tmp_path.iterdir()] == ["bag"]
 
 

@@ -16,11 +16,11 @@ import zstandard
 from calls import invoked
 from mcap.opcode import Opcode
 from mcap.writer import CompressionType, IndexType, Writer
+from semantic_damage import Recording
 
 from pushfric_core.bags.bag import Bag, DamagedBag
-from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BagMessage, Definition
-from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile, end_of_record
+from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile
 from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, decoder, definition
 from pushfric_core.bags.recovery import recover
 from pushfric_core.commands import cli
@@ -139,15 +139,6 @@ def test_verify_says_whether_a_bag_is_whole(copy, damage, code, monkeypatch, cap
 # --- single bytes ---
 
 
-def recorded_by_pushfric(folder: pathlib.Path, messages: list[BagMessage]) -> bytes:
-    with BagWriter(folder) as writer:
-        for topic in Bag(DEMO).summary.topics:
-            writer.add_topic(topic.name, topic.type_name, topic.qos_profiles)
-        for message in messages:
-            writer.write(message.topic, message.log_time_ns, message.raw)
-    return mcap_of(folder).read_bytes()
-
-
 def recorded_elsewhere(messages: list[BagMessage], compression: CompressionType, **options: object) -> bytes:
     """As `ros2 bag record` does it: no numbers, and by default checksums of the chunks and of the summary alone."""
     stream = io.BytesIO()
@@ -176,13 +167,10 @@ ELSEWHERE = {
 def places_of_each_kind(content: bytes, rng: np.random.Generator, count: int) -> dict[str, list[int]]:
     """Bytes to damage: of each kind of record, of its head and its content, and of the magic at both ends."""
     found = {"magic": [*range(8), *range(len(content) - 8, len(content))]}
-    stream, position = io.BytesIO(content), 8
-    while position < len(content) - 8:
-        end = end_of_record(stream, position, len(content))
-        kind = Opcode(content[position]).name
-        found.setdefault(f"head of {kind}", []).extend(range(position, position + 9))
-        found.setdefault(kind, []).extend(range(position + 9, end))
-        position = end
+    for code, begin, end in rearranged.records_of(content):
+        kind = Opcode(code).name
+        found.setdefault(f"head of {kind}", []).extend(range(begin, begin + 9))
+        found.setdefault(kind, []).extend(range(begin + 9, end))
     filled = {kind: places for kind, places in found.items() if places}
     return {kind: rng.choice(places, min(count, len(places)), replace=False).tolist() for kind, places in filled.items()}
 
@@ -193,7 +181,7 @@ def test_no_damaged_byte_of_any_record_is_silent(tmp_path, rng, layout, finished
     """A bag with a wrong byte is read to the same messages, or is said to be damaged; what it then holds and misses is all."""
     messages = messages_of(DEMO)[:300]
     if layout == "pushfric":
-        content = recorded_by_pushfric(tmp_path / "whole", messages)
+        content = mcap_of(Recording(DEMO).write(tmp_path / "whole", messages)).read_bytes()
     else:
         compression, options = ELSEWHERE[layout]
         content = recorded_elsewhere(messages, compression, **options)

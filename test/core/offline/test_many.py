@@ -1,6 +1,7 @@
 """Many inputs at once: broken ones, interrupted runs, and what the table and the models say."""
 
 import csv
+import dataclasses
 import json
 import os
 import pathlib
@@ -15,27 +16,24 @@ from cluster import local_cluster
 from problems import observations_of
 from semantic_damage import Recording
 
-from pushfric_core import TABLE_1
+from pushfric_core import TABLE_1, Observations, Twist
 from pushfric_core.files.model_file import load_model
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many
 
 BAG = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
 NAME = "delrin_square3"
-HEADER = ["contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id"]
 
 
 def write_pushes(file: pathlib.Path, seed: int) -> None:
     """Twelve simulated pushes of the object."""
     known = TABLE_1[NAME]
     rng = np.random.default_rng(seed)
-    data = observations_of(known.outline, known.support, known.mu_c, 12, rng)
-    with file.open("w", newline="") as stream:
-        rows = csv.writer(stream)
-        rows.writerow(HEADER)
-        for one in data:
-            twist = np.array([*one.twist]) / np.hypot(*one.twist[:2]) + rng.normal(0, 1e-3, 3)
-            rows.writerow([*one.contact_point, *one.contact_normal, *twist, one.push_id])
+    pushes = []
+    for one in observations_of(known.outline, known.support, known.mu_c, 12, rng):
+        twist = np.array(one.twist) / np.hypot(*one.twist[:2]) + rng.normal(0, 1e-3, 3)
+        pushes.append(dataclasses.replace(one, twist=Twist(*twist)))
+    Observations(pushes).to_frame().to_csv(file, index=False)
 
 
 @pytest.fixture

@@ -3,14 +3,12 @@
 import json
 import math
 
-import cv2
 import numpy as np
 import pytest
 import yaml
 
 from pushfric_core import InvalidInput, Outline, Pose
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.planar import transform
 from pushfric_core.page.drawn_object import DrawnObject
 from pushfric_core.simulated.camera import SimulatedCamera
 from pushfric_core.vision.camera import Camera
@@ -86,9 +84,7 @@ def test_what_is_no_object_is_not_saved(file, body, problem):
 
 def photograph(pose):
     """The plate on the table, as the camera sees its top face."""
-    image = np.full((CAMERA.height, CAMERA.width), 50, np.uint8)
-    corners = np.rint(16 * CAMERA.project(transform(pose, OUTLINE), 0.02)).astype(np.int32)
-    return cv2.GaussianBlur(cv2.fillPoly(image, [corners], 210, cv2.LINE_AA, 4), (0, 0), 0.8)
+    return SimulatedCamera(CAMERA, np.array(OUTLINE), 0.02, np.random.default_rng(0)).render(pose)
 
 
 def lit(drawn, points):
@@ -116,14 +112,9 @@ def test_a_picture_without_the_object_lies_in_the_middle(file):
         drawn.show(np.zeros((48, 64), np.uint8), "photo.png")
 
 
-def rendered(pose):
-    """The same, with the lens's distortion along the edges."""
-    return SimulatedCamera(CAMERA, np.array(OUTLINE), 0.02, np.random.default_rng(0)).render(pose)
-
-
 def test_the_outline_in_a_picture_is_the_first_proposal(tmp_path):
     drawn = DrawnObject(tmp_path / "block.yaml", CAMERA, height=0.02)
-    drawn.show(rendered(Pose(0.25, 0.12, math.radians(25))), "photo.png")
+    drawn.show(photograph(Pose(0.25, 0.12, math.radians(25))), "photo.png")
     drawn.save()
     found = load_object(str(tmp_path / "block.yaml"))
     assert found.height == 0.02
@@ -143,7 +134,7 @@ def test_a_picture_that_shows_no_object_says_so(file):
 def test_an_outline_is_found_again_in_the_frame_of_the_file(file):
     file.write_text(FILE.replace("[0.06, -0.04], [0.06, 0.04]", "[0.0605, -0.04], [0.0605, 0.04]"))
     drawn = DrawnObject(file, CAMERA)
-    drawn.show(rendered(Pose(0.25, 0.12, math.radians(25))), "photo.png")
+    drawn.show(photograph(Pose(0.25, 0.12, math.radians(25))), "photo.png")
     before = drawn.figures()["outline"]
     drawn.take(json.dumps({"outline": before, "find": True}).encode())
     np.testing.assert_allclose(drawn.figures()["outline"], OUTLINE, atol=0.3e-3)

@@ -1,6 +1,7 @@
 """The server of a page: who may ask it; without a browser."""
 
 import asyncio
+import contextlib
 import json
 
 import numpy as np
@@ -63,15 +64,12 @@ def test_strangers_are_refused(server, asked, what, method, headers, code):
 
 
 def test_another_sites_name_for_this_machine_is_refused(asked, caplog):
-    server = PageServer(ViewConfig(port=0), "drawing.html", asked.append, *ADDRESSES)
-    try:
+    with contextlib.closing(PageServer(ViewConfig(port=0), "drawing.html", asked.append, *ADDRESSES)) as server:
         assert fetched(server, "state", headers={"Host": "evil.example"}).code == 403
         for name in ("[::1", "::1]:80", "[]"):  # of no address
             assert fetched(server, "state", headers={"Host": name}).code == 403
         assert fetched(server, "state", headers={"Origin": "http://[::1"}).code == 403
         assert fetched(server, "", headers={"Host": "evil.example"}).code == 403
         assert fetched(server, "save").code == 405  # a picture on another site must not save
-    finally:
-        server.close()
     assert asked == []
     assert "Uncaught" not in caplog.text

@@ -4,7 +4,6 @@ import itertools
 import os
 import re
 import time
-import tty
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -16,6 +15,7 @@ from pushfric_core.pushers.pusher import Halted, Held, Limits, Mode, NotConnecte
 from pushfric_core.pushers.serial_line import Refused
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
+from pushfric_core.simulated.serial_controller import pseudo_terminal
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
 SETTINGS = "$20=0\r\n$22=0\r\n$100=250.000\r\n$110=6000.000\r\n$120=500.000\r\n$130=200.000\r\n"
@@ -32,10 +32,7 @@ class Peer:
     """A controller whose answers the test scripts; it serves when called, in the thread of the test."""
 
     def __init__(self) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        os.set_blocking(self._master, False)
-        self.port = os.ttyname(slave)
+        self._master, slave, self.port = pseudo_terminal()
         self._slave: int | None = slave
         self.heard = b""  # everything except status queries
         self.status = IDLE
@@ -86,17 +83,14 @@ def peer() -> Iterator[Peer]:
     peer.unplug()
 
 
-def drive(
-    pusher: SerialPusher, until: Callable[[], object], peer: Peer | None = None, seconds: float = 60.0, ask: bool = True
-) -> list[PusherReport]:
+def drive(pusher: SerialPusher, until: Callable[[], object], peer: Peer, ask: bool = True) -> list[PusherReport]:
     """Poll, with a status query now and then, until a condition holds; return the reports received."""
     reports = []
-    deadline = time.monotonic() + seconds
+    deadline = time.monotonic() + 60.0
     turn = 0
     while not until():
-        assert time.monotonic() < deadline, f"not within {seconds} s: {pusher.mode}, busy {pusher.busy}"
-        if peer is not None:
-            peer.serve()
+        assert time.monotonic() < deadline, f"not within a minute: {pusher.mode}, busy {pusher.busy}"
+        peer.serve()
         report = pusher.poll()
         if report is not None:
             reports.append(report)
@@ -107,10 +101,16 @@ def drive(
     return reports
 
 
-def fail(pusher: SerialPusher, error: type[Exception], text: str, peer: Peer | None = None, seconds: float = 60.0) -> None:
+def fail(pusher: SerialPusher, error: type[Exception], text: str, peer: Peer) -> None:
     """Poll until an error is raised, and expect it to be this one."""
     with pytest.raises(error, match=text):
-        drive(pusher, lambda: False, peer, seconds)
+        drive(pusher, lambda: False, peer)
+
+
+def fail_and_rest(pusher: SerialPusher, error: type[Exception], text: str, peer: Peer) -> None:
+    """The same, and poll on until the pusher rests."""
+    fail(pusher, error, text, peer)
+    drive(pusher, lambda: not pusher.busy, peer)
 
 
 def report_now(pusher: SerialPusher, peer: Peer, stamp: int = 5) -> PusherReport:
@@ -141,6 +141,13 @@ def begin_move(pusher: SerialPusher, peer: Peer, position: float = 0.0015, speed
     if position == 0.0015:
         peer.status = "<Jog|MPos:0.500,0.000,0.000|FS:1200,0>"
         drive(pusher, lambda: pusher.axis.status.state == "Jog" and pusher.axis.last.position == 0.0005, peer)
+
+
+def under_way(peer: Peer, **kwargs) -> SerialPusher:
+    """A driver connected to a scripted controller, in the motion of `begin_move`."""
+    pusher = connect(peer, **kwargs)
+    begin_move(pusher, peer)
+    return pusher
 
 
 @pytest.mark.parametrize(
@@ -235,9 +242,7 @@ def test_noise_at_boot_is_ignored(peer):
 
 
 def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
-    pusher = driver(peer.port, connect_timeout=1.0)
-    pusher.connect()
-    drive(pusher, lambda: not pusher.busy, peer)
+    pusher = connect(peer, greet="")
     assert peer.heard == ASKED
     assert pusher.mode is Mode.IDLE
     assert pusher.doubt is None
@@ -267,10 +272,8 @@ def test_a_port_where_nothing_answers(peer, monkeypatch):
 
 
 def test_an_old_grbl_is_refused(peer):
-    pusher = driver(peer.port)
-    pusher.connect()
-    peer.say("\r\nGrbl 0.9j ['$' for help]\r\n")
-    fail(pusher, NotConnected, r"Grbl 0\.9j at .* is too old, expected Grbl 1\.1", peer)
+    with pytest.raises(NotConnected, match=r"Grbl 0\.9j at .* is too old, expected Grbl 1\.1"):
+        connect(peer, "\r\nGrbl 0.9j ['$' for help]\r\n")
 
 
 def test_a_port_that_is_not_there():
@@ -300,10 +303,7 @@ def test_a_pusher_that_is_not_connected_cannot_be_used():
 
 def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
-    pusher = driver(peer.port)
-    pusher.connect()
-    peer.say(GREETING + "[MSG:'$H'|'$X' to unlock]\r\n")
-    drive(pusher, lambda: not pusher.busy, peer)
+    pusher = connect(peer, GREETING + "[MSG:'$H'|'$X' to unlock]\r\n")
     assert peer.heard == ASKED
     assert pusher.mode is Mode.ALARM
     pusher.recover()
@@ -336,8 +336,7 @@ def test_homing_that_fails_is_an_alarm_until_the_next_attempt(peer):
     drive(pusher, lambda: b"$H\n" in peer.heard, peer)
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"
     peer.say("ALARM:8\r\n")
-    fail(pusher, Halted, "ALARM:8 Homing fail", peer)
-    drive(pusher, lambda: not pusher.busy, peer)
+    fail_and_rest(pusher, Halted, "ALARM:8 Homing fail", peer)
     assert pusher.mode is Mode.ALARM
 
 
@@ -355,8 +354,7 @@ def test_homing_is_stopped_by_a_reset(peer):
 
 
 def test_a_move_is_a_jog_that_trusts_no_modal_state_and_no_override(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     assert peer.heard == JOG
     assert pusher.busy
     peer.status = "<Jog|MPos:0.700,0.000,0.000|FS:1200,0|Ov:200,100,100>"
@@ -384,9 +382,7 @@ def test_an_axis_that_runs_backwards(peer):
     peer.status = "<Idle|MPos:0.000,-4.000,0.000|FS:0,0|WCO:0.000,6.000,0.000>"
     pusher = connect(peer, axis="-Y")
     assert report_now(pusher, peer).position == pytest.approx(0.010)
-    peer.heard = b""
-    pusher.move_to(0.0105, 0.01)
-    drive(pusher, lambda: peer.heard.endswith(b"\n"), peer, ask=False)
+    begin_move(pusher, peer, 0.0105, 0.01)
     assert peer.heard == b"\x90$J=G21G90Y-10.500F600.000\n"
 
 
@@ -417,8 +413,7 @@ def test_reports_in_inches(peer):
 
 
 def test_the_speed_is_signed(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     assert pusher.axis.last[:2] == (pytest.approx(0.0005), pytest.approx(0.02))
     peer.status = "<Jog|MPos:0.300,0.000,0.000|FS:600,0>"
     assert drive(pusher, lambda: pusher.axis.last.position < 0.0004, peer)[-1].speed == pytest.approx(-0.01)
@@ -434,8 +429,7 @@ def test_without_a_feed_field_positions_and_stamps_give_the_speed(peer):
 
 def test_a_pusher_that_brakes_is_not_said_to_rest(peer):
     """A busy controller answered twice in one moment: its speed was published as 0, and it went on by 0.3 mm."""
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     peer.status = "<Hold:1|MPos:0.300,0.000,0.000|FS:0,0>"
     pusher.stop()
     for second, x in ((1, 0.3), (2, 0.5), (3, 0.5)):
@@ -457,11 +451,10 @@ def test_idle_right_after_ok_does_not_mean_arrival(peer):
 
 
 def test_a_pusher_that_comes_to_rest_elsewhere(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     peer.status = "<Idle|MPos:1.000,0.000,0.000|FS:0,0>"
-    fail(pusher, Held, "held at the controller, or a line was lost: the pusher rests at 0.0010 m, was sent to 0.0015 m", peer)
-    drive(pusher, lambda: not pusher.busy, peer)
+    rests = "the pusher rests at 0.0010 m, was sent to 0.0015 m"
+    fail_and_rest(pusher, Held, f"held at the controller, or a line was lost: {rests}", peer)
     refuses(pusher)
 
 
@@ -525,10 +518,8 @@ def test_a_controller_that_does_not_report_is_not_said_to_stand_still(peer):
 
 def test_a_jog_that_stands_still_is_held(peer):
     """On grblHAL, a door that opens at the end of a jog leaves the state Jog, for ever."""
-    pusher = connect(peer, silence=0.2)
-    begin_move(pusher, peer)
-    fail(pusher, Held, "the pusher stands still at 0.0005 m", peer)
-    drive(pusher, lambda: not pusher.busy, peer)
+    pusher = under_way(peer, silence=0.2)
+    fail_and_rest(pusher, Held, "the pusher stands still at 0.0005 m", peer)
     peer.status = IDLE.replace("0.000", "0.500", 1)
     pusher.recover()
     drive(pusher, lambda: not pusher.busy, peer)
@@ -540,11 +531,9 @@ def test_a_jog_that_stands_still_is_held(peer):
 def test_a_controller_that_is_held_at_rest_asks_a_person(peer):
     pusher = connect(peer)
     peer.status = IDLE.replace(">", "|Pn:D>")
-    fail(pusher, Held, "held at the controller: its door input is active", peer)
-    drive(pusher, lambda: not pusher.busy, peer)
+    fail_and_rest(pusher, Held, "held at the controller: its door input is active", peer)
     pusher.recover()
-    fail(pusher, Held, "its door input is active; release it, then reset", peer)
-    drive(pusher, lambda: not pusher.busy, peer)
+    fail_and_rest(pusher, Held, "its door input is active; release it, then reset", peer)
     peer.status = IDLE
     drive(pusher, lambda: pusher.axis.status.pins == "", peer)
     refuses(pusher)
@@ -587,8 +576,7 @@ def test_motions_are_refused_when_not_idle(peer):
 
 
 def test_a_stop_is_a_feed_hold_then_at_rest_a_reset(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     peer.heard = b""
     pusher.stop()
     pusher.stop()
@@ -605,8 +593,7 @@ def test_a_stop_is_a_feed_hold_then_at_rest_a_reset(peer):
 
 
 def test_a_door_that_opens_during_a_stop_asks_a_person(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     pusher.stop()
     peer.status = "<Door:0|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
@@ -640,8 +627,7 @@ def test_a_line_that_fluidnc_kept_is_not_carried_out_after_the_reset(peer):
     pusher.move_to(0.0015, 0.02)
     drive(pusher, lambda: peer.heard == JOG, peer)
     peer.say("[MSG:INFO: Check door]\r\n")
-    fail(pusher, Held, 'it says "Check door"', peer)
-    drive(pusher, lambda: not pusher.busy, peer)
+    fail_and_rest(pusher, Held, 'it says "Check door"', peer)
     assert peer.heard == JOG + b"!\x85" + b"\x18!\x85" + b"\x18" + ASKED_AGAIN
 
 
@@ -650,15 +636,13 @@ def test_a_refused_line_stops_and_is_named(peer):
     peer.heard = b""
     peer.replies[JOG[1:-1]] = "error:15\r\n"
     pusher.move_to(0.0015, 0.02)
-    fail(pusher, Refused, re.escape('"$J=G21G90X1.500F1200.000" refused: error:15 Travel exceeded'), peer)
-    drive(pusher, lambda: not pusher.busy, peer)
+    fail_and_rest(pusher, Refused, re.escape('"$J=G21G90X1.500F1200.000" refused: error:15 Travel exceeded'), peer)
     assert peer.heard == JOG + b"!\x85\x18" + ASKED_AGAIN
 
 
 def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
     """GRBL 1.1h does not even answer status queries then."""
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     peer.heard, peer.status = b"", ""
     peer.say("ALARM:1\r\n[MSG:Reset to continue]\r\n")
     fail(pusher, Halted, "ALARM:1 Hard limit", peer)
@@ -669,8 +653,7 @@ def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
 
 
 def test_a_reset_that_was_dropped_is_sent_again(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     peer.heard, peer.status, peer.on_reset = b"", "", ""
     peer.say("ALARM:2\r\n")
     fail(pusher, Halted, "ALARM:2 Soft limit", peer)
@@ -683,8 +666,7 @@ def test_a_reset_that_was_dropped_is_sent_again(peer):
 
 def test_a_stop_that_is_not_answered_leaves_the_port(peer, monkeypatch):
     monkeypatch.setattr("pushfric_core.pushers.grbl.RESET_PATIENCE", 0.1)
-    pusher = connect(peer, silence=2.0)
-    begin_move(pusher, peer)
+    pusher = under_way(peer, silence=2.0)
     peer.heard, peer.status = b"", ""
     pusher.stop()
     fail(pusher, NotConnected, "no answer to . within 2 s", peer)
@@ -694,8 +676,7 @@ def test_a_stop_that_is_not_answered_leaves_the_port(peer, monkeypatch):
 
 
 def test_an_alarm_whose_line_was_lost_is_seen_in_the_reports(peer):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     peer.status = "<Alarm:1|MPos:0.600,0.000,0.000|FS:0,0|Pn:X>"
     fail(pusher, Halted, "ALARM:1 Hard limit", peer)
     assert pusher.mode is Mode.ALARM
@@ -703,8 +684,7 @@ def test_an_alarm_whose_line_was_lost_is_seen_in_the_reports(peer):
 
 @pytest.mark.parametrize("also", ["", "ALARM:11\r\n[MSG:Homing cycle required]\r\n"])  # grblHAL, $22=5
 def test_a_restart_during_a_push_ends_the_connection(peer, also):
-    pusher = connect(peer)
-    begin_move(pusher, peer)
+    pusher = under_way(peer)
     peer.say(GREETING + also)
     fail(pusher, NotConnected, "the controller at .* restarted", peer)
     assert pusher.mode is Mode.DISCONNECTED
@@ -712,8 +692,7 @@ def test_a_restart_during_a_push_ends_the_connection(peer, also):
 
 def test_a_process_that_stood_still_moves_nothing_any_more(peer):
     """As after a SIGSTOP: the controller has long used up what it was sent."""
-    pusher = connect(peer, silence=0.2)
-    begin_move(pusher, peer)
+    pusher = under_way(peer, silence=0.2)
     pusher._polled -= 0.3
     with pytest.raises(Timeout, match=r"this process stood still for 0\.\d\d s; silence is 0\.2 s"):
         pusher.poll()

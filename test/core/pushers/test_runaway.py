@@ -30,7 +30,6 @@ from pushfric_core.pushers.pusher import (
     TooFast,
 )
 from pushfric_core.pushers.serial_pusher import SerialPusher
-from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.pushers.stroke import Plausibility, Stroke, unevenness
 from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
@@ -115,8 +114,7 @@ def under_way(stage: Stage, distance: float = FAR, silence: float | None = None,
 
 def test_the_speed_in_mid_stroke_is_that_of_one_long_line(stage):
     pusher = stage.driver()
-    pusher.move_to(0.05, SPEED)
-    reports = stage.drive(pusher, lambda: not pusher.busy)
+    reports = stage.push(pusher, 0.05)
     mid = [report.speed for report in reports if 0.005 < report.position < 0.045]
     assert len(mid) > 20
     # a busy machine may send a piece late; the most of them are as even as one line
@@ -186,8 +184,7 @@ def test_any_jog_is_stopped_at_once(stage, what):
 def test_no_modal_state_is_trusted(stage, somebody):
     pusher = stage.driver()
     stage.line.tell_controller(somebody)
-    pusher.move_to(0.01, SPEED)
-    reports = stage.drive(pusher, lambda: not pusher.busy)
+    reports = stage.push(pusher, 0.01)
     assert stage.controller.position() == pytest.approx(0.01, abs=1e-9)
     assert max(report.speed for report in reports) < SPEED * 1.05
 
@@ -383,8 +380,7 @@ def test_a_greeting_may_take_its_time(stage):
     assert pusher.doubt is None
     stage.drive(pusher, lambda: not pusher.line._is_asked)
     here = stage.controller.position()
-    pusher.move_to(here + 0.002, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.push(pusher, here + 0.002)
     assert stage.controller.position() == pytest.approx(here + 0.002, abs=1e-5)  # a step of the motor is 4e-6
 
 
@@ -399,10 +395,8 @@ def test_a_greeting_may_take_its_time(stage):
 )
 def test_a_hostile_setting_is_one_clear_line(stage, number, value, text):
     stage.controller._settings[number] = value
-    pusher = SerialPusher(SerialSettings(stage.line.port), Grbl())
-    pusher.connect()
     with pytest.raises(NotConnected, match=text) as caught:
-        stage.drive(pusher, lambda: False)
+        stage.driver()
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 200
 
@@ -467,8 +461,7 @@ def test_false_lines_while_it_brakes_are_never_where_it_is(stage, often):
 def test_two_reports_that_agree_move_no_pusher_that_rests(stage):
     """It was not sent anywhere: either they are false or the controller has lost its position, and a person must look."""
     pusher = stage.driver()
-    pusher.move_to(0.01, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.push(pusher, 0.01)
     false = b"<Idle|MPos:8.000,0.000,0.000|FS:0,0>\r\n"
     stage.line.to_host = lambda data: false if b"MPos" in data else data
 
@@ -506,17 +499,14 @@ def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving)
     stage.line.heal()
     pusher.recover()
     stage.drive(pusher, lambda: not pusher.busy)
-    pusher.move_to(0.01, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.push(pusher, 0.01)
 
 
 @pytest.mark.parametrize("often", [True, False])
 def test_the_first_work_offset_is_confirmed_by_its_parts(stage, often):
     wrong = b"WCO:-9.000"
     stage.line.to_host = (lambda data: data.replace(b"WCO:0.000", wrong)) if often else once(b"WCO:0.000", wrong)
-    pusher = SerialPusher(SerialSettings(stage.line.port, **stage.patience), Grbl())
-    pusher.connect()
-    stage.drive(pusher, lambda: not pusher.busy)
+    pusher = stage.driver()
     assert pusher.axis.last.position == 0.0
     if often:  # nothing moves while the two contradict each other
         pusher.move_to(FAR, SPEED)
@@ -666,10 +656,8 @@ def test_a_setting_that_was_damaged_on_its_way_is_asked_for_again(stage, old, ne
 def test_settings_that_never_come_twice_alike_are_none(stage):
     numbers = iter(range(10, 1000))
     stage.line.to_host = lambda data: data.replace(b"$110=6", b"$110=%d" % next(numbers))
-    pusher = SerialPusher(SerialSettings(stage.line.port), Grbl())
-    pusher.connect()
     with pytest.raises(NotConnected, match=r"its settings \(\$\$\) came 6 times, each time different"):
-        stage.drive(pusher, lambda: False)
+        stage.driver()
 
 
 def test_a_position_that_was_damaged_while_connecting_is_not_believed(stage):
@@ -730,8 +718,7 @@ def test_the_bytes_that_are_ever_sent(stage):
     stage.fails(pusher, PusherError, "ALARM:1")
     pusher.recover()
     stage.drive(pusher, lambda: not pusher.busy)
-    pusher.move_to(0.0, SPEED)
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.push(pusher, 0.0)
     pusher.close()
     lines = bytes(sent).translate(None, b"?!\x85\x18\x90").split(b"\n")
     jogs = [line for line in lines if re.fullmatch(rb"\$J=G21G90X-?\d+\.\d{3}F1200\.000", line)]

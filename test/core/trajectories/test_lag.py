@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.special import stdtrit
+from test_trajectory import feed
 
 from pushfric_core import Outline, Pose, PoseSample, PusherSample, PushingLine, Trajectory, TrajectoryConfig
 from pushfric_core.trajectories.clocks import student
@@ -31,11 +32,7 @@ def watched(offset, noise, rng, config=None, stops=True, turn=0.0, count=8):
             y = max(CONTACT, min(time * SPEED, END)) + LINE.tip_radius + 0.03
             x, dy = rng.normal(0.0, noise, 2)
             samples.append((start * 1e9 + time * 1e9, PoseSample(round((start + time + offset) * 1e9), Pose(x, y + dy, 0.0))))
-    for _, sample in sorted(samples, key=lambda one: one[0]):
-        if isinstance(sample, PoseSample):
-            trajectory.add_pose(sample)
-        else:
-            trajectory.add_pusher(sample)
+    feed(trajectory, [sample for _, sample in sorted(samples, key=lambda one: one[0])])
     return trajectory
 
 

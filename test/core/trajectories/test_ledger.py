@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_observation_maker import BAR, FRAME, FRAMES, made, pose, pusher
+from test_observation_maker import BAR, FRAME, FRAMES, made, merged, pose, pusher
+from test_trajectory import feed
 
 from pushfric_core.trajectories.ledger import (
     AHEAD,
@@ -57,13 +58,6 @@ def by_time(lists):
 def one_by_one(lists):
     """One stream after the other."""
     return list(itertools.chain(*lists))
-
-
-def merged(rng, lists):
-    """All streams in a random common order."""
-    order = rng.permutation([number for number, samples in enumerate(lists) for _ in samples])
-    heads = [iter(samples) for samples in lists]
-    return [next(heads[number]) for number in order]
 
 
 def of(samples, forces=True):
@@ -224,12 +218,8 @@ def test_what_is_held_at_the_end_waits_unless_it_is_wild():
     for ahead, reason in ((0.6, WAITING), (86_400, AHEAD)):
         trajectory = Trajectory(BAR)
         poses, states = streams(wrenches=False)
-        cut = poses[:-40]
-        cut.append(poses[-41]._replace(stamp=poses[-41].stamp + round(ahead * SECOND)))
-        for sample in cut:
-            trajectory.add_pose(sample)
-        for state in states:
-            trajectory.add_pusher(state)
+        held = poses[-41]._replace(stamp=poses[-41].stamp + round(ahead * SECOND))
+        feed(trajectory, [*poses[:-40], held, *states])
         ledger = trajectory.ledger()
         assert ledger.accounts[POSES].ended[reason] == 1
 

@@ -30,6 +30,13 @@ def made(maker, what):
     return [observation for sample in what for observation in maker.add(sample)]
 
 
+def merged(rng, streams):
+    """All streams in a random common order."""
+    order = rng.permutation([number for number, samples in enumerate(streams) for _ in samples])
+    heads = [iter(samples) for samples in streams]
+    return [next(heads[number]) for number in order]
+
+
 def test_with_forces_a_data_point_waits_and_time_is_not_settled():
     maker = ObservationMaker(BAR, with_forces=True)
     assert (maker.settled, maker.waiting) == (0, 0)
@@ -82,9 +89,7 @@ def test_forces_do_not_depend_on_how_the_topics_interleave(rng):
     expected = feed(ForceMatcher(), [*points, *samples()])
     assert len(expected) == 3
     for _ in range(20):
-        order = rng.permutation([0] * len(points) + [1] * len(samples()))
-        streams = (iter(points), iter(samples()))
-        assert feed(ForceMatcher(), [next(streams[which]) for which in order]) == expected
+        assert feed(ForceMatcher(), merged(rng, [points, samples()])) == expected
 
 
 def test_a_data_point_waits_for_the_end_of_its_motion():

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from test_observation_maker import merged
 
 from pushfric_core import TABLE_1, Outline, PoseSample, PushedObject, PusherSample, PushingLine, Trajectory, TrajectoryConfig
 from pushfric_core.geometry.planar import Pose, Twist, compose, exp, inverse, transform
@@ -40,12 +41,6 @@ def in_time(poses, pushers):
     return sorted([*poses, *pushers], key=lambda sample: sample.stamp)
 
 
-def riffled(rng, poses, pushers):
-    """The two streams in a random common order."""
-    order, streams = rng.permutation([0] * len(poses) + [1] * len(pushers)), (iter(poses), iter(pushers))
-    return [next(streams[which]) for which in order]
-
-
 @settings(derandomize=True, max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 2**31),
@@ -73,7 +68,8 @@ def test_the_same_samples_give_the_same_observations_in_any_order(seed, noise, p
     config = TrajectoryConfig(window=window, stride=stride)
     expected = feed(Trajectory(OUTLINE, config), [*pushers, *poses])
     assert expected
-    for samples in (in_time(poses, pushers), [*poses, *pushers], riffled(rng, poses, pushers), riffled(rng, poses, pushers)):
+    mixed = [merged(rng, (poses, pushers)) for _ in range(2)]
+    for samples in (in_time(poses, pushers), [*poses, *pushers], *mixed):
         trajectory = Trajectory(OUTLINE, config)
         assert feed(trajectory, samples) == expected
         assert trajectory.settled == min(poses[-1].stamp, pushers[-1].stamp)
@@ -274,7 +270,7 @@ def test_the_observations_of_a_free_tip_do_not_depend_on_the_order_of_arrival(rn
     poses, tips = arm_samples(curved, STAMPS)
     expected = feed(Trajectory(OUTLINE), in_time(poses, tips))
     for _ in range(10):
-        assert feed(Trajectory(OUTLINE), riffled(rng, poses, tips)) == expected
+        assert feed(Trajectory(OUTLINE), merged(rng, (poses, tips))) == expected
 
 
 def test_a_free_tip_that_is_away_or_at_a_corner_gives_nothing():

@@ -12,7 +12,7 @@ from printed import black_rings, picture, rasterised
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import rotation
-from pushfric_core.vision.board import Board, BoardFinder, View
+from pushfric_core.vision.board import Board, BoardFinder, View, charuco
 from pushfric_core.vision.calibration import (
     calibrate_lens,
     calibrate_table,
@@ -42,12 +42,12 @@ VIEWS = (
 )
 
 
-def over_board(tilt_u, tilt_v, roll, distance, right, down) -> Camera:
+def over_board(tilt_u, tilt_v, roll, distance, right, down, lens=LENS) -> Camera:
     """The camera, with the board's frame as the table frame."""
     turns = [cv2.Rodrigues(np.array(turn, dtype=float))[0] for turn in ((tilt_u, 0, 0), (0, tilt_v, 0), (0, 0, roll))]
     R = turns[0] @ turns[1] @ turns[2] @ np.diag((1.0, -1, -1))
     middle = np.array((*BOARD.size, 0)) / 2
-    return LENS.over(LENS.K @ np.column_stack((R[:, :2], np.array((right, down, distance)) - R @ middle)))
+    return lens.over(lens.K @ np.column_stack((R[:, :2], np.array((right, down, distance)) - R @ middle)))
 
 
 @pytest.fixture(scope="module")
@@ -226,21 +226,15 @@ def test_points_that_do_not_determine_the_table_are_refused(tmp_path, pixels, te
 
 
 WIDE_LENS = Lens(640, 480, np.array(((560.0, 0, 330), (0, 560, 236), (0, 0, 1))), np.zeros(5))
-FAR = (0.15, -0.1, 0.0, 0.6)
 PLACES = ((0.0, 0.0, 0.0), (0.12, 0.02, 0.4), (-0.12, 0.06, -0.3), (-0.1, -0.1, 1.6), (0.1, -0.12, -0.8))
 """Poses of the board's frame on the table [m, rad]; the first is the table frame."""
 
 
 def far_places(noise_px, seed=0):
     """A wide-angle camera 0.6 m over the table, and the corners of a board in PLACES, with noisy pixels."""
-    turn = cv2.Rodrigues(np.array((FAR[0], FAR[1], FAR[2])))[0] @ np.diag((1.0, -1, -1))
-    middle = np.array((*BOARD.size, 0)) / 2
-    shift = np.array((0, 0, FAR[3])) - turn @ middle
-    camera = WIDE_LENS.over(WIDE_LENS.K @ np.column_stack((turn[:, :2], shift)))
+    camera = over_board(0.15, -0.1, 0.0, 0.6, 0.0, 0.0, WIDE_LENS)
     rng = np.random.default_rng(seed)
-    corners = (
-        np.stack(np.meshgrid(np.arange(1, BOARD.columns), np.arange(1, BOARD.rows)), axis=-1).reshape(-1, 2) * BOARD.square
-    )
+    corners = np.array(charuco(BOARD).getChessboardCorners(), dtype=float)[:, :2]
     about = np.array(BOARD.size) / 2
     placements = []
     for x, y, angle in PLACES:

@@ -186,13 +186,19 @@ def test_another_object_is_refused_at_every_angle(rng, shape, there):
             seen.track(simulation.render(truth), truth)
 
 
+def resized(shape: str, scale: float, higher: float, rng) -> tuple[SimulatedCamera, float]:
+    """An object larger by a factor and higher by some metres than expected, and how much larger it looks."""
+    camera = looking_down()
+    looks = scale * camera.metres_per_pixel(HEIGHT) / camera.metres_per_pixel(HEIGHT + higher)
+    return SimulatedCamera(camera, SHAPES[shape] * scale, HEIGHT + higher, rng), looks
+
+
 @pytest.mark.parametrize("shape", ["rectangle", "square", "triangle"])
 @pytest.mark.parametrize(("scale", "higher"), [(0.99, 0.0), (1.03, 0.0), (1.0, 0.01), (0.98, 0.0)])
 def test_an_object_of_another_size_or_height_is_refused_with_both_sizes_and_the_cause(rng, shape, scale, higher):
     """The text also gives the height at which the outline would fit: what lies higher looks larger."""
     camera = looking_down()
-    simulation = SimulatedCamera(camera, SHAPES[shape] * scale, HEIGHT + higher, rng)
-    looks = scale * camera.metres_per_pixel(HEIGHT) / camera.metres_per_pixel(HEIGHT + higher)
+    simulation, looks = resized(shape, scale, higher, rng)
     slope = (camera.metres_per_pixel(0.0) - camera.metres_per_pixel(0.1)) / 0.1
     fits = (camera.metres_per_pixel(0.0) - camera.metres_per_pixel(HEIGHT) / looks) / slope
     for theta in (0.0, 0.4, 2.0):
@@ -216,9 +222,7 @@ def test_an_object_of_another_size_or_height_is_refused_with_both_sizes_and_the_
 @pytest.mark.parametrize("shape", ["rectangle", "triangle", "L"])
 @pytest.mark.parametrize(("scale", "higher"), [(1.0, 0.0), (1.004, 0.0), (0.996, 0.0), (1.0, 0.0024)])
 def test_a_size_or_height_that_is_a_little_wrong_is_said_with_numbers(rng, shape, scale, higher):
-    camera = looking_down()
-    simulation = SimulatedCamera(camera, SHAPES[shape] * scale, HEIGHT + higher, rng)
-    looks = scale * camera.metres_per_pixel(HEIGHT) / camera.metres_per_pixel(HEIGHT + higher)
+    simulation, looks = resized(shape, scale, higher, rng)
     for theta in (0.0, 0.4, 2.0):
         truth = MIDDLE._replace(theta=theta)
         sighting = tracker(shape).track(simulation.render(truth), truth)

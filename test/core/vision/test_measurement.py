@@ -120,11 +120,11 @@ def test_the_tip_and_its_line_are_found(camera, kind, tip, table):
         shape = TIP if kind == "disc" else rod(angle)
         images = strokes(camera, shape, origin, angle, seed, tip=tip, table=table)
         found = measure_tip(camera, POSITIONS, images, 0.003)
-        assert np.hypot(*(found.origin - origin)) < 0.3e-3
-        assert abs(math.degrees(math.remainder(math.atan2(*found.direction[::-1]) - angle, 2 * np.pi))) < 0.2
-        assert found.radius == pytest.approx(RADIUS, abs=0.15e-3)
-        assert found.height == pytest.approx(TOP, abs=3e-3)
-        assert found.scale == pytest.approx(1.0, abs=1e-6)
+        assert np.hypot(*(found.line_origin - origin)) < 0.3e-3
+        assert abs(math.degrees(math.remainder(math.atan2(*found.line_direction[::-1]) - angle, 2 * np.pi))) < 0.2
+        assert found.tip_radius == pytest.approx(RADIUS, abs=0.15e-3)
+        assert found.tip_height == pytest.approx(TOP, abs=3e-3)
+        assert found.stroke_scale == pytest.approx(1.0, abs=1e-6)
 
 
 def test_what_is_no_tip_is_refused():

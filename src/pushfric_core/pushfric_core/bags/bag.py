@@ -1,6 +1,5 @@
 """Reading bags: every byte is checked once before the first message is returned, so that what is missing is known."""
 
-import os
 import pathlib
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -8,13 +7,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, BagMessage, Definition, Gap, Summary, Topic, in_order
+from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, BagMessage, Definition, Gap, PathLike, Summary, Topic, in_order
 from pushfric_core.bags.mcap_file import STRANGE, McapFile
 from pushfric_core.bags.message_types import decoder
 from pushfric_core.bags.rosbag2_metadata import METADATA, BagMetadata, parts_of, read_metadata
 from pushfric_core.errors import InvalidInput, PushfricError
-
-PathLike = str | os.PathLike[str]
 
 
 class DamagedBag(PushfricError):

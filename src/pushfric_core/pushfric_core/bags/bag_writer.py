@@ -15,13 +15,11 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v9
 
-from pushfric_core.bags.contents import FIRST_NUMBER, mcap_file
+from pushfric_core.bags.contents import FIRST_NUMBER, PathLike, mcap_file
 from pushfric_core.bags.message_types import definition, type_hash
 from pushfric_core.bags.rosbag2_metadata import METADATA, VERSION
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.disk import write_whole
-
-PathLike = str | os.PathLike[str]
 
 INFINITE_NS = 2**63 - 1
 """A duration without limit, as the middleware represents it [ns]."""

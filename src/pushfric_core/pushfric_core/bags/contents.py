@@ -1,6 +1,7 @@
 """The contents of a bag: messages, topics, and a summary of them."""
 
 import heapq
+import os
 import pathlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from rosbags.interfaces import Qos  # not otherwise: what reads CSVs alone needs no rosbags
 
+PathLike = str | os.PathLike[str]
 
 FIRST_NUMBER = "pushfric_first_number"
 """In the metadata of a channel: the number of its topic's first message; the others follow. It is drawn for each recording, so

@@ -1,18 +1,15 @@
 """Saves all that can be read of a damaged bag as a new bag."""
 
-import os
 import pathlib
 import shutil
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
-from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE
+from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, PathLike
 from pushfric_core.bags.recorded import beside
 from pushfric_core.bags.rosbag2_metadata import METADATA, CompressedMessages
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE
-
-PathLike = str | os.PathLike[str]
 
 
 def recover(path: PathLike, out: PathLike) -> Bag:

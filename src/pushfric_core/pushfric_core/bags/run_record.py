@@ -147,20 +147,18 @@ class RunRecord:
         name = self._names[message.topic]
         try:
             if name == OBSERVATION:
-                self._on_observation(content(self._bag, message, observation_from_msg))
+                observation = content(self._bag, message, observation_from_msg)
+                key = observation.push_id, observation.stamp
+                self._repeated += key in self._observations
+                self._observations[key] = observation
             elif name == ESTIMATE:
                 self._last = message
             elif name == PLAN:
-                self.plan.take(content(self._bag, message, lambda msg: msg))
+                content(self._bag, message, self.plan.take)
             else:
                 self._starts += content(self._bag, message, lambda msg: msg.continuation == 0)
-        except (ValueError, PushfricError, AttributeError):
+        except (ValueError, PushfricError):
             self._unread.add(name)
-
-    def _on_observation(self, observation: Observation) -> None:
-        key = observation.push_id, observation.stamp
-        self._repeated += key in self._observations
-        self._observations[key] = observation
 
     def close(
         self,

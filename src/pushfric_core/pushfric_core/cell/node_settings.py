@@ -63,11 +63,14 @@ class ObjectConfig:
 
 
 @dataclass(frozen=True)
-class CameraConfig:
+class CameraConfig(Ranged):
     """The source of images, how they map to the table, and which tracker finds the object in them. Section `camera`."""
 
     calibration: str = setting(
-        REQUIRED, "path of the camera's calibration YAML: CameraInfo's fields and table_homography", path=True
+        REQUIRED,
+        "path of the camera's calibration YAML: CameraInfo's fields and table_homography",
+        path=True,
+        names="the camera's calibration YAML",
     )
     source: str = setting(
         "0",
@@ -82,11 +85,6 @@ class CameraConfig:
         "how the object is found: contour, fiducial, or another entry point of the group pushfric.trackers; "
         f"{AUTO}: fiducial if fiducials is given, else contour",
     )
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        if not self.calibration:
-            raise ValueError("calibration must name the camera's calibration YAML, got ''")
 
 
 @dataclass(frozen=True)
@@ -244,17 +242,13 @@ def _known_topic(text: str) -> KnownTopic:
 
 
 @dataclass(frozen=True)
-class RecordingConfig:
+class RecordingConfig(Ranged):
     """Where a recording goes. From the command line."""
 
-    bag: str = setting(REQUIRED, "folder of the bag, new or empty")
+    bag: str = setting(REQUIRED, "folder of the bag, new or empty", names="the folder to record into")
     object: str = setting("", "written into the bag's folder: name of an object of Table 1, or path of an object YAML")
     model: str = setting("", "path of the model that the estimator starts with; copied into the bag's folder")
     calibration: str = setting("", "path of the camera's calibration; copied into the bag's folder")
-
-    def __post_init__(self) -> None:
-        if not self.bag:
-            raise ValueError("bag must name the folder to record into, got ''")
 
 
 @dataclass(frozen=True)
@@ -293,10 +287,10 @@ def is_loopback(host: str) -> bool:
 
 
 @dataclass(frozen=True)
-class PlayerConfig:
+class PlayerConfig(Ranged):
     """The bag to play, and how fast. From the command line."""
 
-    bag: str = setting(REQUIRED, "folder of the bag, or one of its files")
+    bag: str = setting(REQUIRED, "folder of the bag, or one of its files", names="the bag to play")
     rate: float = setting(1.0, "multiple of the recorded speed", 0.01, 1000.0)
     partial: bool = setting(False, "play a damaged bag even if messages are missing")
     topics: tuple[str, ...] = setting((), "topics to play; none: all")
@@ -305,11 +299,6 @@ class PlayerConfig:
     awaits: tuple[str, ...] = setting((), "nodes that must report that they are well before the first message is played")
     paused: bool = setting(False, "start paused, until ~/pause ends the pause")
     exit_when_done: bool = setting(True, "end the process when everything has been played and acknowledged")
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        if not self.bag:
-            raise ValueError("bag must name the bag to play, got ''")
 
 
 @dataclass(frozen=True)

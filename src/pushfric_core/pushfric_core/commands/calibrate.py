@@ -23,6 +23,7 @@ from pushfric_core.files.disk import reading, write_whole
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.yaml_text import Value, with_values
 from pushfric_core.pushers.pusher import PusherConfig
+from pushfric_core.records import plain
 from pushfric_core.vision.board import Board
 from pushfric_core.vision.calibration import (
     calibrate_table,
@@ -33,7 +34,7 @@ from pushfric_core.vision.calibration import (
 from pushfric_core.vision.camera import Camera, Image, check_size, load_camera, load_lens, save_camera
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.frame_source import ACCEPTED, Frames
-from pushfric_core.vision.tip_measurement import measure_tip, tip_figures, tip_findings, tip_picture
+from pushfric_core.vision.tip_measurement import measure_tip, tip_findings, tip_picture
 from pushfric_core.wording import counted
 
 app = Application(no_args_is_help=True)
@@ -190,9 +191,9 @@ def tip(
         places, images = _tip_pictures(file, file.pusher, camera, frames, _numbers(positions), speed)
         measured = measure_tip(camera, places, images, file.pusher.tip_radius, tip_height)
         values: dict[str, Value] = {
-            "line_origin": [round(value, 5) for value in measured.origin.tolist()],
-            "line_direction": [round(value, 6) for value in measured.direction.tolist()],
-            "tip_radius": round(float(measured.radius), 5),
+            "line_origin": [round(value, 5) for value in measured.line_origin.tolist()],
+            "line_direction": [round(value, 6) for value in measured.line_direction.tolist()],
+            "tip_radius": round(float(measured.tip_radius), 5),
         }
         picture = target.parent / "measured_tip.png"
         text = _cell_text(cell, values) if out is None else yaml.safe_dump({"pusher": values}, default_flow_style=None)
@@ -201,12 +202,12 @@ def tip(
     findings = [f"{cell}: {finding}" for finding in tip_findings(measured, file.pusher, tip_height is not None)]
     for finding in findings:
         warn(finding)
-    (x, y), (u, v) = 1e3 * measured.origin, measured.direction
+    (x, y), (u, v) = 1e3 * measured.line_origin, measured.line_direction
     say(f"pushing line: from ({x:.2f}, {y:.2f}) mm along ({u:.5f}, {v:.5f}), seen to {1e3 * measured.rms:.2f} mm (rms)")
-    length = "" if tip_height is None else f"; the stroke is {measured.scale:.4f} times as long as the controller says"
-    say(f"tip: radius {1e3 * measured.radius:.2f} mm, {1e3 * measured.height:.1f} mm over the table{length}")
+    length = "" if tip_height is None else f"; the stroke is {measured.stroke_scale:.4f} times as long as the controller says"
+    say(f"tip: radius {1e3 * measured.tip_radius:.2f} mm, {1e3 * measured.tip_height:.1f} mm over the table{length}")
     say(f"wrote {target}, {picture}")
-    answer({"pusher": tip_figures(measured), "findings": findings, "files": [str(target), str(picture)]}, json)
+    answer({"pusher": plain(measured), "findings": findings, "files": [str(target), str(picture)]}, json)
 
 
 def _tip_pictures(

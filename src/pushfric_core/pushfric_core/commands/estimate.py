@@ -78,7 +78,7 @@ def estimate(
         check_image_name(figure)
     estimation = estimate_from(inputs[0], choices, warn, whole_course=figure is not None)
     result = estimation.result
-    for reason in estimation.verdict.reasons:
+    for reason in result.verdict.reasons:
         warn(reason.text)
     if figure is not None:
         save_figure(figure_of(estimation), figure)
@@ -96,7 +96,7 @@ def estimate(
     else:
         answer(estimation.ledger.to_dict(), ledger)
     print_result(figures, json, estimation.settings.estimator.loss)
-    if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
+    if not result.verdict.use or (estimation.ledger.doubts and not partial):
         sys.exit(1)
 
 

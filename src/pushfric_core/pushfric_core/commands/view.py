@@ -97,5 +97,5 @@ def report(
     estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn, whole_course=True)
     write_whole(html, page_of(estimation, html))
     say(f"wrote {html}")
-    if not estimation.verdict.use or (estimation.ledger.doubts and not partial):
+    if not estimation.result.verdict.use or (estimation.ledger.doubts and not partial):
         sys.exit(1)

@@ -1,6 +1,5 @@
 """YAML text from outside: read within limits on size, depth, aliases and numbers; and edited as its author wrote it."""
 
-import copy
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -113,7 +112,7 @@ def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> 
     Raises:
         ValueError: the text is not YAML, has no such part or key, or an alias makes a value stand for several keys.
     """
-    wanted = copy.deepcopy(load_yaml(text))
+    wanted = load_yaml(text)
     part = wanted if section is None else wanted.get(section) if isinstance(wanted, dict) else None
     if not isinstance(part, dict):
         raise ValueError(f"expected keys with values{f' in {section}' if section else ''}")

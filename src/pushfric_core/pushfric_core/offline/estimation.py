@@ -9,7 +9,6 @@ from pushfric_core.bags.recorded import Recorded
 from pushfric_core.estimation.estimate import Estimate
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.estimator import Estimator, Warn, last, usable_by
-from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.files.estimator_settings import ChosenSettings, EstimatorSettings
 from pushfric_core.files.model_file import ModelFile, make_model
 from pushfric_core.files.object_file import ObjectModel
@@ -39,7 +38,6 @@ class Estimation(NamedTuple):
     estimator: Estimator
     data: list[Observation]  # all that were taken, in order of arrival, also those of pushes that are left out
     course: tuple[Estimate, ...]  # the last estimate, or the estimates after each of them
-    verdict: Verdict
     ledger: Ledger  # what became of every message
 
     @property
@@ -50,7 +48,7 @@ class Estimation(NamedTuple):
     def figures(self) -> dict[str, Any]:
         """All numbers, as the command line's JSON names them."""
         slipping = [observation.push_id in self.settings.slipping for observation in self.estimator.observations]
-        return EstimateReport.of(self.result, self.model.name, self.result.belief, slipping, self.verdict).to_dict()
+        return EstimateReport.of(self.result, self.model.name, self.result.belief, slipping, self.result.verdict).to_dict()
 
     def to_model(self) -> ModelFile:
         """The model to keep."""
@@ -96,8 +94,7 @@ def estimate_from(
     reading = recorded.read(model, settings, warn, choices.partial)
     last(data)
     course[-1:] = [estimator.estimate() if whole_course else estimator.add(data)]
-    verdict = course[-1].verdict
     reading.settle(estimator)
-    for note in verdict.notes:
+    for note in course[-1].verdict.notes:
         warn(note.text)
-    return Estimation(recorded, model, settings, estimator, data, tuple(course), verdict, reading.ledger)
+    return Estimation(recorded, model, settings, estimator, data, tuple(course), reading.ledger)

@@ -82,7 +82,7 @@ def estimate_many(
     with writing(out):
         (out / MODELS).mkdir(parents=True, exist_ok=True)
         wanted = {str(path): fingerprint(path, choices) for path in inputs}
-        lines = {line["input"]: line for line in _earlier(out / RESULTS, wanted)}
+        lines = _earlier(out / RESULTS, wanted)
         for line in lines.values():
             finished(line)
         missing = [path for path in inputs if str(path) not in lines]
@@ -166,12 +166,11 @@ def fingerprint(path: pathlib.Path, choices: Choices) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> Iterator[Line]:
-    """The lines of an earlier run that are still valid; the last one of each input counts."""
-    if not file.exists():
-        return
+def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> dict[str, Line]:
+    """The lines of an earlier run that are still valid, by input; the last one of each counts."""
     lines: dict[str, Line] = {}
-    for text in file.read_text(encoding="utf-8", errors="replace").splitlines():
+    written = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
+    for text in written.splitlines():
         try:
             line = json.loads(text)
         except (ValueError, RecursionError):
@@ -179,7 +178,7 @@ def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> Iterator[Line]:
         known = isinstance(line, dict) and isinstance(line.get("input"), str)
         if known and wanted.get(line["input"], "") == line.get("fingerprint") and line.get("checksum") == _checksum(line):
             lines[line["input"]] = line
-    yield from lines.values()
+    return lines
 
 
 def _checksum(line: Line) -> str:

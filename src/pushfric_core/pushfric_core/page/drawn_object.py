@@ -84,9 +84,12 @@ class DrawnObject:
         self, target: pathlib.Path, camera: Camera | None = None, width: float | None = None, height: float | None = None
     ) -> None:
         self._target, self._camera, self._width = target, camera, EMPTY if width is None else width
-        self._before = read_yaml(target, ObjectFile) if target.exists() else None
-        self._drawing = Drawing(**{key: value for key, value in self._written().items() if key != "height"})
-        self._height = height if height is not None else 0.0 if self._before is None else self._before.height
+        self._written: dict[str, Any] = {}  # in the file
+        if target.exists():
+            file = read_yaml(target, ObjectFile)
+            self._written = file.model_dump(mode="json", exclude_none=True, include={"outline", "support", "height"})
+        self._drawing = Drawing(**{key: value for key, value in self._written.items() if key != "height"})
+        self._height = self._written.get("height", 0.0) if height is None else height
         self._raw: Image | None = None  # as it was taken
         self._picture: Image | None = None  # as seen from above
         self._frame = Pose(0.0, 0.0, 0.0)  # of the picture, on the camera's table
@@ -122,15 +125,9 @@ class DrawnObject:
     def _changes(self) -> dict[str, Any]:
         """The differences from the file."""
         drawn = self._drawing.model_dump(mode="json", exclude_none=True, exclude={"picture", "find"})
-        if self._height != self._written().get("height", 0.0):
+        if self._height != self._written.get("height", 0.0):
             drawn["height"] = self._height
-        return {key: _rounded(value) for key, value in drawn.items() if _rounded(value) != self._written().get(key, {})}
-
-    def _written(self) -> dict[str, Any]:
-        """The content of the file."""
-        if self._before is None:
-            return {}
-        return self._before.model_dump(mode="json", exclude_none=True, include={"outline", "support", "height"})
+        return {key: _rounded(value) for key, value in drawn.items() if _rounded(value) != self._written.get(key, {})}
 
     def figures(self) -> dict[str, Any]:
         """The content of the page: all lengths in m, in the object frame, or the picture's where it says so."""
@@ -261,8 +258,7 @@ def draw_in_a_browser(drawn: DrawnObject, source: Frames | None, shown: ViewConf
     with contextlib.nullcontext() if source is None else source:
         if source is not None:
             drawn.show(_next_picture(source), source.name)
-        server = PageServer(shown, "drawing.html", requests.put, *ADDRESSES)
-        try:
+        with contextlib.closing(PageServer(shown, "drawing.html", requests.put, *ADDRESSES)) as server:
             announce(f"view: {server.url}")
             saved = False
             while not saved:
@@ -285,8 +281,6 @@ def draw_in_a_browser(drawn: DrawnObject, source: Frames | None, shown: ViewConf
                 except (InvalidInput, OSError) as error:
                     reply = {"done": False, "message": str(error)}
                 asked.answer(reply)
-        finally:
-            server.close()
 
 
 def _next_picture(source: Frames) -> Image:

@@ -179,7 +179,7 @@ class PageServer:
 class _Served(RequestHandler):
     """The common part of every answer of the server."""
 
-    def initialize(self, server: Any) -> None:
+    def initialize(self, server: PageServer) -> None:
         self.server = server
 
     def set_default_headers(self) -> None:
@@ -190,8 +190,6 @@ class _Served(RequestHandler):
 
 class Page(_Served):
     """The files of the page, served without a token: they hold nothing secret, and a stop button must always appear."""
-
-    server: PageServer
 
     def get(self, name: str) -> None:
         """A file of a page."""
@@ -207,8 +205,6 @@ class Page(_Served):
 
 class _Asked(_Served):
     """Something that a visitor asks for; an error is answered as `{"done": false, "message": ...}`."""
-
-    server: PageServer
 
     async def answer(self, what: str) -> None:
         """Answer, unless the page of another site asks, or somebody without the token for what needs it."""

@@ -37,7 +37,7 @@ from typing import Any
 
 import numpy as np
 
-from pushfric_core.bags.constants import constants
+from pushfric_core.bags.run_record import PHASES
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.estimate_report import BIN_WIDTH, BoundsReport, EstimateReport
@@ -77,7 +77,6 @@ BELIEF = ("center_of_friction", "covariance", "radius", "mu_c", "w")
 PLAN_FIGURES = ("count", "completed", "aborted", "skipped", "in_place", "purpose", "message", "details")
 """Fields of the plan that the page shows as the message has them."""
 
-PHASES = constants("PlanProgress")
 PHASE_NAMES = {number: name.removeprefix("PHASE_").lower() for name, number in PHASES.items()}
 
 

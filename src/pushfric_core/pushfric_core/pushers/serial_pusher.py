@@ -298,9 +298,7 @@ class SerialPusher(Driver):
         """
         before: dict[str, str] | None = None
         for _ in range(ASKED_FOR_TWO_ALIKE):
-            self.settings = self._told = {}
-            for line in lines:
-                yield from self.command(line)
+            self.settings = yield from self.ask_values(*lines)
             if self.settings == before:
                 break
             before = self.settings

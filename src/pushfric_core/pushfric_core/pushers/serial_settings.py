@@ -12,7 +12,7 @@ AXES = "XYZABC"
 class SerialSettings:
     """The port of the controller, the axis of the stage, and how long to wait for what."""
 
-    port: str = setting(REQUIRED, "serial port of the controller")
+    port: str = setting(REQUIRED, "serial port of the controller", names="the serial port of the controller")
     baud: int = setting(115200, "baud rate of the serial port [bit/s]", 300, 4_000_000)
     axis: str = setting("X", "axis of the controller, with a minus sign if the stroke runs towards negative coordinates")
     connect_timeout: float = setting(2.0, "how long the controller may take to boot [s]", 0.1, 60.0)
@@ -26,12 +26,5 @@ class SerialSettings:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        check_axis(self.axis)
-        if not self.port:
-            raise ValueError("port must name the serial port of the controller, got ''")
-
-
-def check_axis(axis: str) -> None:
-    """Raises ValueError if no controller has such an axis."""
-    if re.fullmatch(f"-?[{AXES}]", axis) is None:
-        raise ValueError(f"axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got {axis!r}")
+        if re.fullmatch(f"-?[{AXES}]", self.axis) is None:
+            raise ValueError(f"axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got {self.axis!r}")

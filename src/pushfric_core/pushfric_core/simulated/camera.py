@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from pushfric_core.geometry.planar import Array, Pose, transform
 from pushfric_core.vision.camera import Camera, Image
@@ -44,7 +45,8 @@ class SimulatedCamera:
         self._height = height
         self._rng = rng
         self._blur_px = blur_px
-        self._outline = _subdivided(np.asarray(outline_vertices, dtype=float), _PIECE_PX * camera.metres_per_pixel(height))
+        pieces = shapely.segmentize(shapely.Polygon(outline_vertices), _PIECE_PX * camera.metres_per_pixel(height))
+        self._outline = shapely.get_coordinates(pieces)[:-1]
         self._gain = np.ones((camera.height, camera.width), np.float32)
         if shadow is not None:
             a, b, c = shadow
@@ -120,12 +122,3 @@ def _grid_crossings(values: Array) -> Array:
         way = (lines[:, None] - start) / rise
     line, piece = np.nonzero((way > 0) & (way < 1))
     return np.asarray(piece + way[line, piece], dtype=float)
-
-
-def _subdivided(vertices: Array, longest: float) -> Array:
-    """A closed polygon (n, 2) with every edge cut into pieces of at most `longest`, in the unit of the vertices."""
-    pieces = []
-    for start, end in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        count = int(np.ceil(np.linalg.norm(end - start) / longest))
-        pieces.append(start + np.linspace(0, 1, count, endpoint=False)[:, None] * (end - start))
-    return np.concatenate(pieces)

@@ -28,11 +28,6 @@ class CarriageMotion(NamedTuple):
         return position, speed
 
 
-def stroke(begin: float, start: float, target: float, speed: float, acceleration: float) -> CarriageMotion:
-    """From rest to rest [mm, mm/s, mm/s^2]: the speed is a trapezoid, or a triangle if the way is short."""
-    return blended(begin, start, 0.0, [(target, speed)], acceleration)[0]
-
-
 def blended(
     begin: float, position: float, speed: float, lines: Sequence[tuple[float, float]], acceleration: float
 ) -> tuple[CarriageMotion, list[float]]:

@@ -5,12 +5,12 @@ import os
 import select
 import threading
 import time
-import tty
 from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 
 from pushfric_core.pushers.serial_line import open_port, write_all
+from pushfric_core.simulated.serial_controller import pseudo_terminal
 
 Filter = Callable[[bytes], bytes]
 TICK = 0.002  # [s]
@@ -31,11 +31,7 @@ class FaultyLine:
             OSError: the port cannot be opened.
         """
         self._serial = open_port(port, baud)
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.port = os.ttyname(slave)
-        self._slave = slave  # kept open: no end of file when the host leaves
-        os.set_blocking(self._master, False)
+        self._master, self._slave, self.port = pseudo_terminal()  # the slave is kept open: no end of file when the host leaves
         self.heal()
         self.heard: Callable[[bytes], None] = lambda data: None
         self._for_controller: deque[tuple[float, bytes]] = deque()  # when each piece is due

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from pushfric_core.simulated.carriage import CarriageMotion, blended, stroke
+from pushfric_core.simulated.carriage import CarriageMotion, blended
 from pushfric_core.simulated.serial_controller import SerialController
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]"
@@ -84,13 +84,29 @@ class SimulatedGrbl(SerialController):
         self._motion: CarriageMotion | None = None
         self._plan: deque[Block] = deque()
         self._ends: deque[float] = deque()  # when each block is done, as planned [s]
+        self._held_in_reset = False  # by its input
+        self._restart(keep_coordinates=False)
+
+    def _restart(self, keep_coordinates: bool) -> None:
+        locked = self._state in ("Alarm", "Sleep") if keep_coordinates else self._settings[22] != "0"
+        self._state: str = "Alarm" if locked else "Idle"
+        if not keep_coordinates:
+            self._offset = -self._carriage  # machine coordinate of the carriage's 0 [mm]
+        self._plan.clear()
+        self._ends.clear()
         self._canceling = False  # a jog
         self._percent = {"feed": 100, "rapid": 100}  # overrides
+        self._lines: deque[str] = deque()
         self._line = ""
-        self._until_wco = self._until_overrides = 0  # reports
-        self._held_in_reset = False  # by its input
+        self._asked = self._deaf = False
         self._owed = False  # an `ok` for the line that hit a soft limit; it comes with the reset
-        self._restart(keep_coordinates=False)
+        self._until_wco = self._until_overrides = 0  # reports
+        self._feed: float | None = None  # [mm/min]
+        self._modes = {"motion": 0, "coordinates": 54, "plane": 17, "units": 21, "distance": 90, "feed mode": 94, "spindle": 5,
+                       "coolant": 9}  # fmt: skip
+        self._say(GREETING)
+        if locked:
+            self._say(UNLOCK)
 
     def position(self) -> float:
         """The carriage's present distance from its home end [m]."""
@@ -305,29 +321,6 @@ class SimulatedGrbl(SerialController):
                 self._state = "Alarm"
             self._restart(keep_coordinates=True)
 
-    def _restart(self, keep_coordinates: bool) -> None:
-        locked = self._state in ("Alarm", "Sleep") if keep_coordinates else self._settings[22] != "0"
-        self._state = "Alarm" if locked else "Idle"
-        if not keep_coordinates:
-            self._offset = -self._carriage  # machine coordinate of the carriage's 0 [mm]
-        self._plan.clear()
-        self._ends.clear()
-        self._canceling = False
-        self._percent = {"feed": 100, "rapid": 100}
-        self._lines: deque[str] = deque()
-        self._line = ""
-        self._asked = self._deaf = self._owed = False
-        self._until_wco = self._until_overrides = 0
-        self._forget_modes()
-        self._say(GREETING)
-        if locked:
-            self._say(UNLOCK)
-
-    def _forget_modes(self) -> None:
-        self._feed: float | None = None  # [mm/min]
-        self._modes = {"motion": 0, "coordinates": 54, "plane": 17, "units": 21, "distance": 90, "feed mode": 94, "spindle": 5,
-                       "coolant": 9}  # fmt: skip
-
     # Lines
 
     def _go_on(self) -> None:
@@ -442,10 +435,9 @@ class SimulatedGrbl(SerialController):
     def _home(self) -> None:
         """Move to the switch and back off it, in one motion."""
         self._state = "Home"
-        now, rate = self._clock(), SEEK_RATE / MINUTE
-        there = stroke(now, self._carriage, -PULL_OFF, rate, self._acceleration)
-        back = stroke(there.end, -PULL_OFF, 0.0, rate, self._acceleration)
-        self._motion = CarriageMotion(now, self._carriage, 0.0, there.pieces + back.pieces)
+        rate = SEEK_RATE / MINUTE
+        there_and_back = [(-PULL_OFF, rate), (0.0, rate)]
+        self._motion, _ = blended(self._clock(), self._carriage, 0.0, there_and_back, self._acceleration)
 
     def _gcode(self, line: str, jog: bool = False) -> int:
         """Parse a block, plan its motion; 0 or the code of an error."""

@@ -13,6 +13,14 @@ BOOT = 0.1  # from the opening of the port to the greeting [s]
 TICK = 0.005  # [s]
 
 
+def pseudo_terminal() -> tuple[int, int, str]:
+    """A new one: its master side, which never blocks, its slave side, which passes all bytes, and the path of the latter."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    return master, slave, os.ttyname(slave)
+
+
 class SerialController(ABC):
     """A controller that a driver finds at `port`. Use it as a context manager, or between `start` and `close`.
 
@@ -49,11 +57,8 @@ class SerialController(ABC):
     def start(self) -> Self:
         """Plug in: a new pseudo-terminal, at `port`."""
         self.opened = False
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.port = os.ttyname(slave)
+        self._master, slave, self.port = pseudo_terminal()
         os.close(slave)
-        os.set_blocking(self._master, False)
         self._closing.clear()
         self._thread = threading.Thread(target=self._serve, args=(self._master,), name="controller")
         self._thread.start()

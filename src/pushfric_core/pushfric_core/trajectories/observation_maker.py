@@ -124,7 +124,6 @@ class ObservationMaker:
     """
 
     def __init__(self, outline: Outline, config: TrajectoryConfig | None = None, with_forces: bool = False) -> None:
-        self._outline = outline
         self.trajectory = Trajectory(outline, config)
         self._forces = ForceMatcher() if with_forces else None
 
@@ -160,7 +159,7 @@ class ObservationMaker:
             ValueError: the sample is impossible, or not on the object.
         """
         if isinstance(sample, Observation):
-            sample.check_contact(self._outline)
+            sample.check_contact(self.trajectory.outline)
             return [sample]
         if isinstance(sample, ForceSample):
             if self._forces is None:

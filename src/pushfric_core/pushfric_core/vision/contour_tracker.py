@@ -132,7 +132,7 @@ class ContourTracker:
         for contour in cv2.findContours(bright, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]:
             if cv2.contourArea(contour) < speck:
                 continue
-            if _touches_border(contour, shrunk.shape):
+            if touches_border(contour, shrunk.shape):
                 partial = True
                 continue
             corners = cv2.approxPolyDP(contour, 0.7, True).reshape(-1, 2)
@@ -270,6 +270,7 @@ def _signed_area(polygon: Array) -> float:
     return float(cv2.contourArea(polygon.astype(np.float32), oriented=True))
 
 
-def _touches_border(contour: npt.NDArray[np.int32], shape: tuple[int, ...]) -> bool:
+def touches_border(contour: npt.NDArray[np.int32], shape: tuple[int, ...]) -> bool:
+    """Whether a contour (n, 1, 2) in whole pixels reaches the border of an image of this shape."""
     left, top, width, height = cv2.boundingRect(contour)
     return bool(left == 0 or top == 0 or left + width == shape[1] or top + height == shape[0])

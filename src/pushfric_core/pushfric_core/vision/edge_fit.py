@@ -85,10 +85,7 @@ class EdgeFit:
             rough = self._solved(_edges(profiles, self._whole), contrast)
             if rough is None:
                 return None
-            farthest = self._slack * _PER_PIXEL
-            offset = np.clip(np.rint(rough.moved * _PER_PIXEL), -farthest, farthest).astype(int)
-            edges = _edges(profiles[self._rows + offset, self._columns], self._near)
-            edges = edges._replace(distances=edges.distances + offset / _PER_PIXEL)
+            edges = self._edges_near(rough.moved, profiles)
             fit = self._solved(edges, contrast)
             if fit is None:
                 return None
@@ -129,14 +126,18 @@ class EdgeFit:
             pose: in the table frame; edges farther off than `slack_px` and half a reach are not found.
         """
         profiles = self._profiles(image, pose)
-        farthest = self._slack * _PER_PIXEL
-        rough = _edges(profiles, self._whole)
-        moved = np.clip(np.rint(rough.distances * _PER_PIXEL), -farthest, farthest).astype(int)
-        edges = _edges(profiles[self._rows + moved, self._columns], self._near)
+        edges = self._edges_near(_edges(profiles, self._whole).distances, profiles)
         clear = (edges.contrasts > max(MIN_CONTRAST, _MIN_EDGE_CONTRAST * float(np.median(edges.contrasts)))) & (
             edges.unevenness < _MAX_UNEVENNESS * edges.contrasts
         )
-        return np.where(clear, (edges.distances + moved / _PER_PIXEL) * self._pixel, np.nan)
+        return np.where(clear, edges.distances * self._pixel, np.nan)
+
+    def _edges_near(self, distances: Array, profiles: npt.NDArray[np.float32]) -> "_Edges":
+        """The edges in the windows of profiles (m, n) around places that are off the middle by distances (n,) [px]."""
+        farthest = self._slack * _PER_PIXEL
+        shift = np.clip(np.rint(distances * _PER_PIXEL), -farthest, farthest).astype(int)
+        edges = _edges(profiles[self._rows + shift, self._columns], self._near)
+        return edges._replace(distances=edges.distances + shift / _PER_PIXEL)
 
     def _profiles(self, image: Image, pose: Pose) -> npt.NDArray[np.float32]:
         """Grey levels (m, n) across each of n edges at `pose`, from its bright side to its dark one."""
@@ -189,10 +190,8 @@ def edge_samples(outline: Outline, clearance: float, samples: int) -> tuple[Arra
         normals.append(np.tile(normal, (count, 1)))
     at, outward = np.concatenate(points), np.concatenate(normals)
     # This edge must be the nearest one at both ends of its profile.
-    clear = [
-        all(outline.distance_to(point + side * clearance * normal) > 0.95 * clearance for side in (-1, 1))
-        for point, normal in zip(at, outward, strict=True)
-    ]
+    inside, outside = (outline.distances_to(at + side * clearance * outward) for side in (-1, 1))
+    clear = np.minimum(inside, outside) > 0.95 * clearance
     return at[clear], outward[clear]
 
 

@@ -4,6 +4,7 @@ A flat face looks exactly like a smaller face nearer to the camera: the two diff
 table, wherever the object lies and however it is turned. So a picture says nothing about the height; it must be known.
 """
 
+import itertools
 import math
 
 import cv2
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Pose, cross
 from pushfric_core.vision.camera import Camera, Image
+from pushfric_core.vision.contour_tracker import touches_border
 from pushfric_core.vision.edge_fit import MIN_CONTRAST, REACH_PX, EdgeFit, edge_samples
 from pushfric_core.vision.sighting import NotSeen
 
@@ -71,8 +73,7 @@ def _blob(image: Image) -> npt.NDArray[np.int32]:
     if len(areas) > 1 and areas[-2] > OTHER_OBJECT * areas[-1]:
         raise NotSeen("two bright objects")
     largest = contours[-1]
-    left, top, width, height = cv2.boundingRect(largest)
-    if left == 0 or top == 0 or left + width == image.shape[1] or top + height == image.shape[0]:
+    if touches_border(largest, image.shape):
         raise NotSeen("the object leaves the picture")
     return np.asarray(largest, dtype=np.int32)
 
@@ -149,8 +150,7 @@ def _refined(camera: Camera, image: Image, outline: Outline, pixel: float) -> Ou
         middle = outline.vertices[edge] + outline.edges[edge] / 2
         lines.append(_line(own, middle, normal, pixel))
     meeting = []
-    for before, after in zip(np.roll(np.arange(len(lines)), 1), range(len(lines)), strict=True):
-        (p, n), (q, m) = lines[before], lines[after]
+    for (p, n), (q, m) in itertools.pairwise([lines[-1], *lines]):
         meeting.append(np.linalg.solve(np.array((n, m)), np.array((n @ p, m @ q))))
     return _polygon(_simple(np.array(meeting), pixel))
 

@@ -6,7 +6,7 @@ since the picture of the first position ends, in the direction of the stroke, wi
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Array, cross
 from pushfric_core.pushers.pusher import StageConfig
+from pushfric_core.records import FieldPlace
 from pushfric_core.vision.camera import Camera, Image
 
 LEAST_PICTURES = 4
@@ -47,15 +48,15 @@ _ROUNDS = 12
 
 
 class TipMeasurement(NamedTuple):
-    """The tip, and the line it moves on."""
+    """The tip, and the line it moves on; the names are those of the command's JSON."""
 
-    origin: Array  # (2,) centre of the tip at stroke position 0, in the table frame [m]
-    direction: Array  # (2,) unit, of the forward stroke
-    radius: float  # [m]
-    height: float  # of the visible part of the tip, over the table [m]
-    scale: float  # the stroke's length as seen at this height, divided by what the controller says
+    line_origin: Array  # (2,) centre of the tip at stroke position 0, in the table frame [m]
+    line_direction: Array  # (2,) unit, of the forward stroke
+    tip_radius: float  # [m]
+    tip_height: float  # of the visible part of the tip, over the table [m]
+    stroke_scale: float  # the stroke's length as seen at this height, divided by what the controller says
     rms: float  # distance of the tip's centres from the line and from their places on it [m]
-    centers: Array  # (n, 2) where the tip was seen, as if it were on the table [m]
+    centers: Annotated[Array, FieldPlace(key="")]  # (n, 2) where the tip was seen, as if it were on the table [m]
 
 
 def measure_tip(
@@ -225,42 +226,31 @@ def _level_points(image: Array, level: float) -> Array:
 def tip_findings(tip: TipMeasurement, stage: StageConfig, height_is_given: bool) -> list[str]:
     """An error in the section `pusher` of a cell's file."""
     origin, direction = np.asarray(stage.line_origin), np.asarray(stage.line_direction) / np.hypot(*stage.line_direction)
-    off, found = tip.origin - origin, []
-    along, across = float(off @ tip.direction), float(cross(tip.direction, off))
+    off, found = tip.line_origin - origin, []
+    along, across = float(off @ tip.line_direction), float(cross(tip.line_direction, off))
     if math.hypot(along, across) >= LINE_ERROR:
         found.append(f"line_origin is {1e3 * abs(across):.2f} mm off across the line and {1e3 * abs(along):.2f} mm along it")
-    angle = float(np.arctan2(cross(direction, tip.direction), direction @ tip.direction))
+    angle = float(np.arctan2(cross(direction, tip.line_direction), direction @ tip.line_direction))
     if abs(angle) >= ANGLE_ERROR:
         found.append(f"line_direction is off by {math.degrees(abs(angle)):.2f} degrees")
-    if abs(stage.tip_radius - tip.radius) >= RADIUS_ERROR:
-        found.append(f"tip_radius is {1e3 * stage.tip_radius:.2f} mm, measured {1e3 * tip.radius:.2f} mm")
-    if height_is_given and abs(tip.scale - 1) >= SCALE_ERROR:
-        longer = "longer" if tip.scale > 1 else "shorter"
+    if abs(stage.tip_radius - tip.tip_radius) >= RADIUS_ERROR:
+        found.append(f"tip_radius is {1e3 * stage.tip_radius:.2f} mm, measured {1e3 * tip.tip_radius:.2f} mm")
+    apart = tip.stroke_scale - 1
+    if height_is_given and abs(apart) >= SCALE_ERROR:
+        longer = "longer" if apart > 0 else "shorter"
         found.append(
-            f"the stroke is {100 * abs(tip.scale - 1):.1f} % {longer} than the controller says: check its steps per millimetre"
+            f"the stroke is {100 * abs(apart):.1f} % {longer} than the controller says: check its steps per millimetre"
         )
     return found
-
-
-def tip_figures(tip: TipMeasurement) -> dict[str, Any]:
-    """The measured line and tip for programs, as the command's JSON has them."""
-    return {
-        "line_origin": tip.origin.tolist(),
-        "line_direction": tip.direction.tolist(),
-        "tip_radius": tip.radius,
-        "tip_height": tip.height,
-        "stroke_scale": tip.scale,
-        "rms": tip.rms,
-    }
 
 
 def tip_picture(camera: Camera, image: Image, tip: TipMeasurement, stroke: float) -> bytes:
     """A PNG: the last picture of the tip with the circle that was fitted to it, and the pushing line."""
     picture = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    line = camera.project(tip.origin + np.array(((0.0,), (stroke,))) * tip.direction, tip.height)
+    line = camera.project(tip.line_origin + np.array(((0.0,), (stroke,))) * tip.line_direction, tip.tip_height)
     cv2.polylines(picture, [np.rint(line).astype(np.int32)], False, ORANGE)
     angles = np.linspace(0, 2 * np.pi, 60)
-    last = camera.lifted(tip.centers[-1:], tip.height)
-    ring = last + tip.radius * np.column_stack((np.cos(angles), np.sin(angles)))
-    cv2.polylines(picture, [np.rint(camera.project(ring, tip.height)).astype(np.int32)], True, GREEN)
+    last = camera.lifted(tip.centers[-1:], tip.tip_height)
+    ring = last + tip.tip_radius * np.column_stack((np.cos(angles), np.sin(angles)))
+    cv2.polylines(picture, [np.rint(camera.project(ring, tip.tip_height)).astype(np.int32)], True, GREEN)
     return cv2.imencode(".png", picture)[1].tobytes()
