@@ -335,7 +335,7 @@ CASES = (*NODE_CASES, *CAMERA_CASES, *FILE_CASES, *QUOTAS, *ENDINGS)
 
 QUICK = {
     "kill -9 of recorder",
-    "SIGTERM to experiment",
+    "SIGTERM to tracker",
     "camera: frozen except for one pixel",
     "camera: clock set back by an hour",
 }
