@@ -46,7 +46,10 @@ CHOOSES: dict[str, tuple[str, ...]] = {
         *("MOST_STRETCHES", "SECTORS", "WIDER", "FLOOR", "COMMON", "PAIRS"),
     ),
     "mu_c": ("MU_C", "MU_C_SPREAD", "VARIES", "FORCE_SPREAD", "SURELY_SLID", "LEAST_RATIO", "OPEN"),
-    "doubts": ("FEWEST_COMPARED", "BAD_PUSH", "BROAD", "MANY_BAD", "CHANGED", "SHIFT", "SAME", "LATEST", "FEWEST_BEFORE"),
+    "doubts": (
+        *("FEWEST_COMPARED", "BAD_PUSH", "BROAD", "MANY_BAD", "CHANGED", "SHIFT", "SAME", "LATEST"),
+        *("FEWEST_AFTER", "FEWEST_BEFORE"),
+    ),
     "mistakes": ("MISTAKE", "GEOMETRY", "MOST_COMPARED", "CLEAR", "REACH_OFF", "SMALL_SUPPORT"),
 }
 """What is said with the help of each constant of the belief."""

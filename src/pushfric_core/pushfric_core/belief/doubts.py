@@ -14,6 +14,7 @@ from pushfric_core.belief.constants import (
     BAD_PUSH,
     BROAD,
     CHANGED,
+    FEWEST_AFTER,
     FEWEST_BEFORE,
     FEWEST_COMPARED,
     LATEST,
@@ -99,7 +100,7 @@ def changed(mode: PosteriorMode) -> tuple[Change, float] | None:
     """
     data, fit = mode.problem.data, informative(mode.fit)
     pushes = np.unique(data.push)
-    lasts = range(max(len(pushes) - LATEST, FEWEST_BEFORE), len(pushes) - 1)
+    lasts = range(max(len(pushes) - LATEST, FEWEST_BEFORE), len(pushes) - FEWEST_AFTER + 1)
     if not lasts:
         return None
     by_shift = mode.fit.slopes[:, :-1] @ solved(mode.problem.root, _tilt(mode))
