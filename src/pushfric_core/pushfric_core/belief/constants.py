@@ -84,8 +84,9 @@ BROAD = 0.25
 MANY_BAD = 0.34
 """If more than this share of the pushes seem bad, the belief is."""
 
-CHANGED = 0.05
-"""Probability, before any push, that the object changed before one of the last pushes."""
+CHANGED = 0.02
+"""Probability, before any push, that the object changed before one of the last pushes. With .05, two of the sixteen public sets
+of docs/public_data.md seem to be another object's after their last stroke."""
 
 SHIFT, SAME = 0.1, 0.005
 """Standard deviations of p_CF's shift along each axis, as shares of the support's size: by a change, and of the same object,
