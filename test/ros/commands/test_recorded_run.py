@@ -135,3 +135,16 @@ def test_what_a_run_without_prompts_awaits_is_printed_once_it_takes_long(monkeyp
             wall[0] += 0.2 * watch.PATIENCE
             monitor._tell()  # once
     assert said.get() == "push 1 of 3: place the object\n"
+
+
+def test_each_number_of_pushes_has_one_line_though_a_push_is_left_out_for_a_while():
+    wide = Console(record=True, width=200)
+    with contextlib.closing(watch.Monitor(wide, "/lines", "replaying", 9, live=False)) as monitor:
+        for pushes, count in ((1, 5), (1, 6), (2, 9), (1, 6), (2, 11), (3, 15), (4, 20)):
+            monitor._on_estimate(FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=count, pushes=pushes))
+        lines = [line.split()[:3] for line in wide.export_text().splitlines()]
+        assert lines == [["push", "1", "6"], ["push", "2", "11"], ["push", "3", "15"]]  # the fourth may not be whole
+        monitor._on_estimate(FrictionEstimate(status=FrictionEstimate.STATUS_NO_DATA))
+        for pushes in (1, 2):
+            monitor._on_estimate(FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=7, pushes=pushes))
+        assert wide.export_text().split()[:3] == ["push", "1", "7"]

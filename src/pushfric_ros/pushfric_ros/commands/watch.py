@@ -253,9 +253,11 @@ class Monitor:
     def _on_estimate(self, msg: FrictionEstimate) -> None:
         if msg.status == FrictionEstimate.STATUS_NO_DATA:
             self.estimate = None  # all that it rested on is left out
+            self._rows.clear()
             return
         push = msg.pushes
-        if not self._live and self.estimate is not None and push != self.estimate.pushes:
+        # where a push is left out for a while, the number falls and rises again
+        if not self._live and self.estimate is not None and push not in self._rows:
             self._console.print(line_of(self.estimate))
         self.estimate = self._rows[push] = msg
         if not self._plan_leads:
