@@ -17,7 +17,7 @@ from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import Array, Pose, Twist, inverse, rotation, transform, wrap
 from pushfric_core.trajectories.ledger import TOO_FEW, USED, Account
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.trajectories.samples import Frame, PoseSample, PusherSample, TrajectoryConfig
+from pushfric_core.trajectories.samples import ContactFrame, PoseSample, PusherSample, TrajectoryConfig
 from pushfric_core.trajectories.stream import NANOSECONDS
 
 STEADY = 0.25
@@ -48,7 +48,7 @@ class Run:
     def __init__(self, outline: Outline, config: TrajectoryConfig, account: Account) -> None:
         self._outline, self._config, self._account = outline, config, account
         self._margin = config.window // 2 + 1  # frames needed on either side: half a window, and a neighbour
-        self._frames: list[Frame] = []
+        self._frames: list[ContactFrame] = []
         self._pusher: PusherSample | None = None  # of the newest frame
         self._next = self._margin  # index in the run of the next observation
         self._entered = 0  # frames whose account is known
@@ -65,9 +65,9 @@ class Run:
             return []
         assert self._pusher is not None
         last = self._frames[-1]
-        return self._complete(Frame(*sample, self._pusher, self._pusher.tip, last.speed, last.doubt, True, free=False))
+        return self._complete(ContactFrame(*sample, self._pusher, self._pusher.tip, last.speed, last.doubt, True, free=False))
 
-    def at_speed(self, sample: PoseSample, frame: Frame | None) -> Frame | None:
+    def at_speed(self, sample: PoseSample, frame: ContactFrame | None) -> ContactFrame | None:
         """Begin another run if the frame is of another push; the frame with the speed that its tip must have had.
 
         None if it is none of a push, or its tip may have been at rest or on its way to another speed.
@@ -85,7 +85,7 @@ class Run:
             return frame._replace(speed=frame.pusher.speed)
         return None
 
-    def extend(self, sample: PoseSample, frame: Frame | None, fate: str) -> list[Observation]:
+    def extend(self, sample: PoseSample, frame: ContactFrame | None, fate: str) -> list[Observation]:
         """Let a frame continue the run, or end it; `fate`: of a sample that is none of a push."""
         if frame is None:
             self._end()
@@ -101,7 +101,7 @@ class Run:
         self._account.end(TOO_FEW, self.open)
         self._frames, self._next, self._entered = [], self._margin, 0
 
-    def _keeps_its_speed(self, frame: Frame) -> bool:
+    def _keeps_its_speed(self, frame: ContactFrame) -> bool:
         """Whether the reports around a frame say that the tip moves as before."""
         if frame.free or not self._frames:
             return frame.steady
@@ -128,7 +128,7 @@ class Run:
         change = self._speed(Twist(*np.subtract(last, mean).tolist()))
         return change <= STEADY * self._speed(mean)
 
-    def _complete(self, newest: Frame) -> list[Observation]:
+    def _complete(self, newest: ContactFrame) -> list[Observation]:
         """The observation that the run and the frame after it complete, if there is one."""
         frames = [*self._frames[self._next - self._margin :], newest]
         if len(frames) <= 2 * self._margin:
@@ -145,7 +145,7 @@ class Run:
         self._next += self._config.stride
         return [observation]
 
-    def _observe(self, frames: list[Frame]) -> Observation | None:
+    def _observe(self, frames: list[ContactFrame]) -> Observation | None:
         """The observation in the middle of some frames.
 
         None if the object rests, the smoothed contact is not on an edge, or the tip turns.
@@ -192,7 +192,7 @@ class Run:
             depth=line.tip_radius - float((transform(inverse(pose), at) - touch.point) @ touch.normal),
         )
 
-    def _window(self, frames: list[Frame], index: int) -> list[Frame]:
+    def _window(self, frames: list[ContactFrame], index: int) -> list[ContactFrame]:
         """The frames whose mean is the smoothed one at an index."""
         half = self._config.window // 2
         return frames[index - half : index + half + 1]
@@ -211,14 +211,14 @@ class Run:
         """Approximate speed of the fastest corner [m/s]."""
         return float(np.hypot(twist.vx, twist.vy) + abs(twist.omega) * self._outline.reach)
 
-    def _mean_travel(self, frames: list[Frame], speeds: Sequence[float]) -> float:
+    def _mean_travel(self, frames: list[ContactFrame], speeds: Sequence[float]) -> float:
         """How far something at these speeds in some frames moves from the mean of one window to that of the other [m]."""
         times = [(after.stamp - before.stamp) / NANOSECONDS for before, after in pairwise(frames)]
         steps = [0.5 * (a + b) * time for (a, b), time in zip(pairwise(speeds), times, strict=True)]
         travelled = np.concatenate(((0.0,), np.cumsum(steps)))
         return float(_average(travelled[-self._config.window :]) - _average(travelled[: self._config.window]))
 
-    def _turns(self, frames: list[Frame]) -> bool:
+    def _turns(self, frames: list[ContactFrame]) -> bool:
         """Whether a free tip moves in one direction in the first half of some frames and in another in the second."""
         first, middle, last = (frames[index].tip for index in (0, self._margin, -1))
         lengths = [float(np.hypot(*half)) for half in (middle - first, last - middle)]
@@ -240,7 +240,7 @@ def _average(values: npt.ArrayLike) -> Array:
     return np.asarray(np.add.reduce(array) / len(array))
 
 
-def _velocity(start: PoseSample | Frame, end: PoseSample | Frame) -> Twist:
+def _velocity(start: PoseSample | ContactFrame, end: PoseSample | ContactFrame) -> Twist:
     """Velocity from one frame to another, in the table frame [m/s, m/s, rad/s]."""
     duration = (end.stamp - start.stamp) / NANOSECONDS
     a, b = start.pose, end.pose

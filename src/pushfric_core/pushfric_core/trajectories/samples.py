@@ -46,7 +46,7 @@ class PusherSample(NamedTuple):
         return np.array((x + self.position * along_x, y + self.position * along_y))
 
 
-class Frame(NamedTuple):
+class ContactFrame(NamedTuple):
     """A frame in contact, and the tip that pushed."""
 
     stamp: int

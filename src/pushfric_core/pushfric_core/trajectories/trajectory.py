@@ -34,7 +34,7 @@ from pushfric_core.trajectories.ledger import (
 )
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.run import STEADY, Run
-from pushfric_core.trajectories.samples import Frame, PoseSample, PusherSample, TrajectoryConfig
+from pushfric_core.trajectories.samples import ContactFrame, PoseSample, PusherSample, TrajectoryConfig
 from pushfric_core.trajectories.stream import NANOSECONDS, Stream, seconds
 
 REMEMBERED = 10_000
@@ -205,7 +205,7 @@ class Trajectory:
         nearest = min(state.stamp - self._judged if self._judged >= 0 else math.inf, following - state.stamp)
         return BETWEEN_FRAMES if nearest <= self.config.longest_gap * NANOSECONDS else NOT_SEEN
 
-    def _pushing(self, sample: PoseSample) -> Frame | None:
+    def _pushing(self, sample: PoseSample) -> ContactFrame | None:
         """A frame with the pusher at its time; None if it was not pushing an edge of the object."""
         while len(self._pushers) > 1 and self._pushers[1].stamp < sample.stamp:  # frames are judged in order of time
             self._leave(sample.stamp)
@@ -251,4 +251,4 @@ class Trajectory:
         if not self._rest.has_ended(sample.pose, touch):
             return None
         steady = slow > 0 and (free or slow >= (1 - STEADY) * fast)
-        return Frame(*sample, before, tip, (slow + fast) / 2, (fast - slow) / 2, steady, free)
+        return ContactFrame(*sample, before, tip, (slow + fast) / 2, (fast - slow) / 2, steady, free)

@@ -32,7 +32,7 @@ def source_of(node: Node, mount: MountConfig) -> Source:
         return declare(node, plugin(SOURCES, mount.source)).open_source()
 
 
-class Following:
+class BodyListener:
     """Has a callback of a node called with every body that a source finds.
 
     Args:

@@ -9,7 +9,7 @@ from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import FrameConfig, RequiredSubscribersConfig
 from pushfric_core.geometry.planar import TABLE
 from pushfric_ros.messages.conversions import pose_to_msg, stamp_to_msg
-from pushfric_ros.node_kit.bodies import Following, source_of
+from pushfric_ros.node_kit.bodies import BodyListener, source_of
 from pushfric_ros.node_kit.diagnostics import NO_POSE, Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -31,7 +31,7 @@ class PoseSourceNode(Node):
         Heartbeat(self)
         self._out = topics.advertise(PoseWithCovarianceStamped, "object_pose", RELIABLE)
         self._required_subscribers = RequiredSubscribers(self, self._out, declare(self, RequiredSubscribersConfig).heard_by)
-        self._following = Following(self, topics, source, self._on_body, "pose")
+        self._listener = BodyListener(self, topics, source, self._on_body, "pose")
 
     def _on_body(self, body: Any) -> None:
         msg = PoseWithCovarianceStamped()
@@ -45,7 +45,7 @@ class PoseSourceNode(Node):
         why = self._without_pose()
         values = {"poses": self._poses, NO_POSE: why}
         if why:
-            return Health(Level.ERROR if why == self._following.problem else Level.WARN, why, values)
+            return Health(Level.ERROR if why == self._listener.problem else Level.WARN, why, values)
         return Health(Level.OK, "following" if self._poses else "waiting for a pose", values)
 
     def _without_pose(self) -> str:
@@ -53,7 +53,7 @@ class PoseSourceNode(Node):
         if silent := without_publisher(self):
             return f"no publisher of {', '.join(silent)}"
         missing = self._required_subscribers.missing
-        return self._following.problem or (f"waiting for {', '.join(missing)} to receive the poses" if missing else "")
+        return self._listener.problem or (f"waiting for {', '.join(missing)} to receive the poses" if missing else "")
 
 
 def main() -> None:

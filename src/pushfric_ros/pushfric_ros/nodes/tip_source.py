@@ -16,7 +16,7 @@ from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import TABLE, Array, inverse, transform
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
-from pushfric_ros.node_kit.bodies import Following, source_of
+from pushfric_ros.node_kit.bodies import BodyListener, source_of
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -55,7 +55,7 @@ class TipSourceNode(Node):
         Heartbeat(self)
         self._out = topics.advertise(PusherState, "pusher_state", RELIABLE)
         topics.subscribe(PoseWithCovarianceStamped, "object_pose", self._on_pose, RELIABLE)
-        self._following = Following(self, topics, source, self._on_body, "tip")
+        self._listener = BodyListener(self, topics, source, self._on_body, "tip")
         if self._before is not None:
             self.get_logger().warning(f"numbers the pushes on from {self._bag}")
             self._look = wall_timer(self, COUNT_PERIOD, self._count_on)
@@ -82,7 +82,7 @@ class TipSourceNode(Node):
         try:
             self._pose = pose_sample_from_msg(msg).pose
         except ValueError as error:
-            self._following.refuse(error)
+            self._listener.refuse(error)
 
     def _on_body(self, body: Any) -> None:
         stamp, tip = self._mount.stamp(body), self._mount.point(body)
@@ -125,8 +125,8 @@ class TipSourceNode(Node):
         values = {"pushes": self._pushes}
         if silent := without_publisher(self):
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
-        if self._following.problem:
-            return Health(Level.ERROR, self._following.problem, values)
+        if self._listener.problem:
+            return Health(Level.ERROR, self._listener.problem, values)
         return Health(Level.OK, "following" if self._last else "waiting for the tip", values)
 
 
