@@ -19,15 +19,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.paper.pushes import NOISES, Studied, filmed, moved, objects, of_table_1
+from bench.paper.pushes import NOISES, filmed, moved, objects
 from bench.paper.spoilt import CHANGE, runs
 from bench.public_pushes import DRAWS, FEW, PublicSet, center_off, sets_in
-from pushfric_core import TABLE_1, Observation, Twist, believe
+from pushfric_core import Observation, Twist, believe
 from pushfric_core.belief import constants
 from pushfric_core.belief.judge import judging
 from pushfric_core.belief.mistakes import LINEAR
 from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, slipping_pushes
 from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.table_1 import TABLE_1, TableObject
 from pushfric_core.mechanics.prediction import ELLIPSE
 from pushfric_core.steps import finished
 
@@ -228,11 +229,11 @@ def cases(topic: str, seeds: int, folders: tuple[pathlib.Path, ...]) -> list[Cas
     return list(makers[topic](seeds))
 
 
-def _studied(seeds: int, salt: int) -> Iterator[tuple[Studied, list[PlannedPush], np.random.Generator]]:
+def _studied(seeds: int, salt: int) -> Iterator[tuple[TableObject, list[PlannedPush], np.random.Generator]]:
     """Each simulated object with all its pushes, and chance of its own."""
     for seed, (number, studied) in itertools.product(range(seeds), enumerate(objects().values())):
         rng = np.random.default_rng((seed, number, salt))
-        yield studied, even_pushes(studied.outline, studied.counts), rng
+        yield studied, even_pushes(studied.outline, studied.pushes), rng
 
 
 def _simulated(seeds: int) -> Iterator[Case]:
@@ -256,11 +257,11 @@ def _public(sets: Sequence[PublicSet]) -> Iterator[Case]:
 
 
 def _sliding(seeds: int) -> Iterator[Case]:
-    for seed, (number, (name, known)) in itertools.product(range(seeds), enumerate(TABLE_1.items())):
+    for seed, (number, known) in itertools.product(range(seeds), enumerate(TABLE_1.values())):
         rng = np.random.default_rng((seed, number, 8))
         pushes = even_pushes(known.outline, known.pushes)
         for plan in (pushes, pushes + slipping_pushes(known.outline, (0, 2))):
-            data = filmed(known.outline, moved(of_table_1(name), plan, rng), known.noise, rng)
+            data = filmed(known.outline, moved(known, plan, rng), known.noise, rng)
             yield Case(SIMULATION, known.support_points, data, known.mu_c)
 
 

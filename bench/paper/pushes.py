@@ -3,7 +3,6 @@
 import contextlib
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from pushfric_core import Estimate, Observation, Outline, PushedObject, Pushfric
 from pushfric_core.estimation.estimator import Estimator, taken
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, even_pushes, placement
 from pushfric_core.geometry.planar import Array, Pose, wrap
-from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1, PoseNoise
+from pushfric_core.geometry.table_1 import FEET, FLAT, TABLE_1, PoseNoise, TableObject
 from pushfric_core.trajectories.samples import PoseSample, PusherSample
 from pushfric_core.trajectories.trajectory import Trajectory
 
@@ -25,20 +24,16 @@ PLACEMENT = 0.001
 """Standard deviation of the operator's placement of the object [m]; divided by 2 cm, that of its angle [rad]."""
 
 
-class Conduct(NamedTuple):
-    """Details of the pushes that the paper leaves out; chosen so that the numbers as a whole match the reference."""
+CLOSER = {"delrin_square3": 0.8, **dict.fromkeys(("wood_rect3", "wood_rect4", "rubber_rect4"), 0.88)}
+"""Contacts with these objects lie at this fraction of their evenly spaced distance from the middle of the edge.
 
-    closer: float = 1.0  # contacts lie at this fraction of their evenly spaced distance from the middle of the edge
-    longest_turn: float = math.inf  # a push ends early once the object has turned this far [rad]
+An object pushed nearer to its corners turns about one of its feet, and the data say nothing about that foot's force. The paper
+leaves this and LONGEST_TURN out; they are chosen so that the numbers as a whole match the reference.
+"""
 
-
-CONDUCT = {
-    # an object pushed nearer to its corners turns about one of its feet, and the data say nothing about that foot's force
-    "delrin_square3": Conduct(closer=0.8),
-    **dict.fromkeys(("wood_rect3", "wood_rect4", "rubber_rect4"), Conduct(closer=0.88)),
-    # "tended to rotate quickly, resulting in fewer useful observations" (section 5)
-    **dict.fromkeys(("delrin_rect_center", "delrin_rect_right"), Conduct(longest_turn=math.radians(25))),
-}
+LONGEST_TURN = math.radians(25)
+"""A push of a flat object ends early once the object has turned this far [rad]: they "tended to rotate quickly, resulting in
+fewer useful observations" (section 5)."""
 
 VISION_ERROR = (0.008, -0.002)
 """In the middle third of one push of wood_rect4, the object seems to jump by this [m], table frame: sideways and to the tip.
@@ -61,62 +56,44 @@ Frames = list[tuple[float, Pose]]
 """Stroke position [m] and true pose of the object in each frame of a push."""
 
 
-class Studied(NamedTuple):
-    """An object that is pushed."""
-
-    outline: Outline
-    support: Support
-    mu_c: float
-    support_points: Array
-    counts: tuple[int, ...]  # pushes along each edge
-    longest_turn: float  # of a push [rad]
-
-
-def of_table_1(name: str) -> Studied:
-    """An object of Table 1; the flat ones turn quickly, and their pushes end early."""
-    known = TABLE_1[name]
-    return Studied(known.outline, known.support, known.mu_c, known.support_points, known.pushes, CONDUCT[name].longest_turn)
-
-
 def plan(name: str) -> list[PlannedPush]:
     """The pushes of an object of Table 1: along each edge as many as in section 5, perpendicular to the edge."""
     known = TABLE_1[name]
-    closer = CONDUCT[name].closer
-    return [push._replace(offset=push.offset * closer) for push in even_pushes(known.outline, known.pushes)]
+    return [one._replace(offset=one.offset * CLOSER.get(name, 1.0)) for one in even_pushes(known.outline, known.pushes)]
 
 
 def motions(name: str, pushes: Sequence[PlannedPush], seed: int) -> list[Frames]:
     """The true motion in each push of an object of Table 1; the same seed gives the same hand of the operator."""
-    return moved(of_table_1(name), pushes, np.random.default_rng((seed, list(TABLE_1).index(name), 0)))
+    return moved(TABLE_1[name], pushes, np.random.default_rng((seed, list(TABLE_1).index(name), 0)))
 
 
-def moved(studied: Studied, pushes: Sequence[PlannedPush], rng: np.random.Generator) -> list[Frames]:
+def moved(known: TableObject, pushes: Sequence[PlannedPush], rng: np.random.Generator) -> list[Frames]:
     """The true motion in each push; a push in which the tip wedges is left out."""
     found = []
     for push in pushes:
         error = rng.normal(0.0, PLACEMENT, 3)
         with contextlib.suppress(PushfricError):
-            found.append(_motion(studied, push, error))
+            found.append(_motion(known, push, error))
     return found
 
 
-def _motion(studied: Studied, push: PlannedPush, error: Array) -> Frames:
+def _motion(known: TableObject, push: PlannedPush, error: Array) -> Frames:
     """The motion from where the operator put the object to the end of the stroke, or until it has turned too far.
 
     Args:
-        studied: the object.
+        known: the object.
         push: where it is pushed.
         error: (3,) of the placement, as `PLACEMENT` is its standard deviation [m]; the third turns the object.
     """
-    x, y, theta = placement(studied.outline, push, LINE, 0.0)
+    x, y, theta = placement(known.outline, push, LINE, 0.0)
     dx, dy, turn = error.tolist()
     start = Pose(x + dx, y + dy, theta + turn / 0.02)
-    pushed = PushedObject(studied.outline, studied.support, studied.mu_c, start)
+    pushed = PushedObject(known.outline, known.support, known.mu_c, start)
     frames: Frames = []
     for frame in range(int(STROKE / SPEED * FRAME_RATE) + 1):
         position = frame / FRAME_RATE * SPEED
         pushed.push(LINE, position)
-        if abs(wrap(pushed.pose.theta - start.theta)) > studied.longest_turn:
+        if known.noise == FLAT and abs(wrap(pushed.pose.theta - start.theta)) > LONGEST_TURN:
             break
         frames.append((position, pushed.pose))
     return frames
@@ -156,7 +133,7 @@ def filmed(outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np
     return observations
 
 
-def objects() -> dict[str, Studied]:
+def objects() -> dict[str, TableObject]:
     """Those whose p_CF is studied: under larger outlines, supports that no grid fits, of four areas and of feet anywhere."""
     rectangle, triangle = TABLE_1["wood_rect4"], Outline(np.array(CORNERS))
     feet = Support(np.array(((0.03, 0.03), (0.09, 0.03), (0.03, 0.09))), np.full(3, 1 / 3))
@@ -182,11 +159,11 @@ def objects() -> dict[str, Studied]:
         "three_feet": (plate, three, (5, 3, 5, 3)),
     }
     return {
-        "unequal_feet": of_table_1("wood_rect4")._replace(support=unequal, counts=(5, 2, 5, 2)),
-        "triangle": Studied(triangle, feet, 0.3, triangle.grid(10, 10, GRID.inset), (5, 5, 5), math.inf),
-        "delrin_rect_right": of_table_1("delrin_rect_right"),
+        "unequal_feet": TABLE_1["wood_rect4"]._replace(support=unequal, pushes=(5, 2, 5, 2)),
+        "triangle": TableObject(triangle, feet, 0.3, GRID.grid, GRID.inset, (5, 5, 5), FEET),
+        "delrin_rect_right": TABLE_1["delrin_rect_right"],
     } | {
-        name: Studied(outline, support, 0.3, outline.grid(8, 6, 0.005), counts, math.inf)
+        name: TableObject(outline, support, 0.3, (8, 6), 0.005, counts, FEET)
         for name, (outline, support, counts) in shapes.items()
     }
 

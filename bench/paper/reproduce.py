@@ -11,7 +11,7 @@ import typer
 from bench.paper.claims import CLOSE, CLOSE_MU, Claim, agrees, claims
 from bench.paper.experiments import rods, run_seed
 from bench.paper.figures import figures
-from bench.paper.pushes import CONDUCT
+from bench.paper.pushes import CLOSER, LONGEST_TURN
 from bench.paper.tables import Nested, Path, leaves, number, tables
 from bench.program import results_of
 from docs import markdown
@@ -50,8 +50,8 @@ def reproduce(
         claims=markdown.table(("claim", "holds", "with other seeds"), map(_row, claimed)),
         tables={key: table({key: nested}) for key, nested in summary.items()},
         figures=images,
-        conduct=CONDUCT,
-        turn=math.degrees(CONDUCT["delrin_rect_center"].longest_turn),
+        closer=CLOSER,
+        turn=math.degrees(LONGEST_TURN),
         close=round(100 * CLOSE),
         close_mu=CLOSE_MU,
     )

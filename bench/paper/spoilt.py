@@ -5,10 +5,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from bench.paper.pushes import NOISES, Frames, Studied, filmed, moved
+from bench.paper.pushes import NOISES, Frames, filmed, moved
 from pushfric_core import Observation, Pose, Support
 from pushfric_core.estimation.push_plan import even_pushes
 from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.table_1 import TableObject
 
 BAD_TURN = math.radians(25)
 """The orientation of a bad push drifts or wanders by this much."""
@@ -32,13 +33,13 @@ LEAST_WEIGHT = 0.02
 """Share of its weight that each support keeps when the load is moved."""
 
 
-def runs(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, int | str | None, list[Observation]]]:
+def runs(studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[str, int | str | None, list[Observation]]]:
     """Runs without a fault, with a bad push of each kind, and with loads that are moved, in each noise of the camera.
 
     Yields:
         The name of the case; what should be said: the bad push, CHANGE, or None if no observation is wrong; the observations.
     """
-    plan = even_pushes(studied.outline, studied.counts)
+    plan = even_pushes(studied.outline, studied.pushes)
     pushes = [plan[index] for index in rng.permutation(len(plan)).tolist()]
     before = moved(studied, pushes, rng)
     after = {}

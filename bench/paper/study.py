@@ -15,17 +15,18 @@ import typer
 
 from bench import constants
 from bench.paper import spoilt
-from bench.paper.pushes import NOISES, Studied, eight_places, estimated, filmed, moved, objects, of_table_1
+from bench.paper.pushes import NOISES, eight_places, estimated, filmed, moved, objects
 from bench.paper.tables import table_of
 from bench.program import results_of
 from bench.public.zhou2015 import object_on, read_push_points
 from bench.public_pushes import center_off
-from pushfric_core import TABLE_1, InvalidInput, Observation
+from pushfric_core import InvalidInput, Observation
 from pushfric_core.commands.console import say
 from pushfric_core.commands.options import RUNS, DaskOption, JobsOption
 from pushfric_core.estimation.push_plan import even_pushes, slipping_pushes
 from pushfric_core.files.disk import make_folder, write_whole
 from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.table_1 import TABLE_1, TableObject
 from pushfric_core.mechanics.prediction import ELLIPSE
 from pushfric_core.records import to_json
 
@@ -65,7 +66,7 @@ def run_seed(seed: int) -> dict[str, Any]:
     for number, (name, known) in enumerate(TABLE_1.items()):
         rng = np.random.default_rng((seed, 100 + number))
         pushes = even_pushes(known.outline, known.pushes) + slipping_pushes(known.outline, (0, 2))
-        data = filmed(known.outline, moved(of_table_1(name), pushes, rng), known.noise, rng)
+        data = filmed(known.outline, moved(known, pushes, rng), known.noise, rng)
         mu_c = estimated(data, known.support_points)[1].mu_c
         if mu_c is not None:
             found["mu_c"][name] = {"truth": known.mu_c, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high}
@@ -116,9 +117,9 @@ def _write(out: pathlib.Path, numbers: Numbers, title: str, parts: Iterable[str]
     say(f"report: {out / 'study.md'}")
 
 
-def _cells(name: str, studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
+def _cells(name: str, studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
     """What is found with each plan and noise, by the name of the cell."""
-    plans = {"all": even_pushes(studied.outline, studied.counts), "places": eight_places(studied.outline, rng)}
+    plans = {"all": even_pushes(studied.outline, studied.pushes), "places": eight_places(studied.outline, rng)}
     for plan, pushes in plans.items():
         pushed = moved(studied, pushes, rng)
         for noise, spread in NOISES.items():
@@ -126,7 +127,7 @@ def _cells(name: str, studied: Studied, rng: np.random.Generator) -> Iterator[tu
             yield f"{name}/{plan}/{noise}", _found(data, studied.support_points, studied.support.center_of_friction)
 
 
-def _screened(studied: Studied, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
+def _screened(studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
     """What is said of runs with a fault: whether it is found (None: there is none), and how many good pushes are lost."""
     for case, right, data in spoilt.runs(studied, rng):
         estimator, estimate = estimated(data, studied.support_points)

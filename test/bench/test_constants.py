@@ -21,7 +21,7 @@ def small(tmp_path, monkeypatch):
     for shape in ("rect1", "rect3"):
         (strokes / f"wrench1twist1_20percenttrainingabs_{shape}_quadratic_v10.mat").write_bytes(public_sets.strokes_file())
     mitpush.import_pushes(tmp_path / "clone", tmp_path / "public")
-    right = pushes.objects()["delrin_rect_right"]._replace(counts=(2, 1, 2, 1))
+    right = pushes.objects()["delrin_rect_right"]._replace(pushes=(2, 1, 2, 1))
     monkeypatch.setattr(study_of_constants, "objects", lambda: {"right": right})
     monkeypatch.setattr(study_of_constants, "CHOOSES", {"p_CF": ("WIDER",), "doubts": ("LATEST",)})
     return tmp_path

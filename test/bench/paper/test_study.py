@@ -13,7 +13,7 @@ from pushfric_core.mechanics import simulation
 def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
     """Two objects, one with few pushes, and coarser steps of the simulation, which find the same."""
     every = pushes.objects()
-    few = every["delrin_rect_right"]._replace(counts=(3, 1, 3, 1))
+    few = every["delrin_rect_right"]._replace(pushes=(3, 1, 3, 1))
     monkeypatch.setattr(study, "objects", lambda: {"delrin_rect_right": few, "ring": every["ring"]})
     monkeypatch.setattr(study, "TABLE_1", {})
     monkeypatch.setattr(simulation, "STEP", 1.2e-3)

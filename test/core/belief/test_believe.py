@@ -43,7 +43,7 @@ def noisy(data, share, seed=0):
 def seen(name, noise, seed, angle=0.0):
     """An object, and what a camera sees of pushes at this angle to either side, or of pushes at eight places."""
     studied, rng = OBJECTS[name], np.random.default_rng(seed)
-    pushes = even_pushes(studied.outline, studied.counts) if seed % 2 else eight_places(studied.outline, rng)
+    pushes = even_pushes(studied.outline, studied.pushes) if seed % 2 else eight_places(studied.outline, rng)
     pushes = [PlannedPush(push.edge, push.offset, angle * (-1) ** k) for k, push in enumerate(pushes)]
     return studied, filmed(studied.outline, moved(studied, pushes, rng), NOISES[noise], rng)
 

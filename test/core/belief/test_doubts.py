@@ -102,7 +102,7 @@ def test_a_push_that_is_excluded_or_kept_on_the_way_leaves_the_bits_as_from_the_
 def test_an_object_of_which_little_is_known_has_not_changed(name, seed):
     """Asked after each push, it seemed to change after seven to ten, where no grid of supports fits its feet exactly."""
     studied, rng = objects()[name], np.random.default_rng(seed)
-    plan = even_pushes(studied.outline, studied.counts)
+    plan = even_pushes(studied.outline, studied.pushes)
     pushes = [plan[index] for index in rng.permutation(len(plan))[:12].tolist()]
     data = filmed(studied.outline, moved(studied, pushes, rng), NOISES["FEET"], rng)
     estimator = Estimator(studied.support_points, SCREENING)

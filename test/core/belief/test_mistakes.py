@@ -15,7 +15,7 @@ from pushfric_core.geometry.planar import Twist, left_of, velocity_at
 from pushfric_core.steps import finished
 
 STUDIED = objects()["unequal_feet"]
-PUSHES = even_pushes(STUDIED.outline, STUDIED.counts)
+PUSHES = even_pushes(STUDIED.outline, STUDIED.pushes)
 
 
 @pytest.fixture(scope="module")
