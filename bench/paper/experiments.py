@@ -8,15 +8,14 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import null_space
 
 from bench.paper.pushes import BAD_PUSH, SLIPPING, motions, plan, watch
 from bench.paper.sections import cross_section
-from bench.paper.tables import PUBLISHED
+from bench.paper.tables import PUBLISHED, Nested
 from pushfric_core import TABLE_1, Estimate, Estimator, EstimatorConfig, HalfPlanes, Hypothesis, Loss, Observation, Recognizer
 from pushfric_core.estimation.region import Region, line_of_motion
 from pushfric_core.geometry.planar import Array, Wrench
@@ -25,11 +24,6 @@ from pushfric_core.geometry.table_1 import FLAT, LOOKALIKES, ORIENTATIONS
 from pushfric_core.mechanics.limit_surface import LimitSurface
 from pushfric_core.program import contact_friction
 from pushfric_core.program.constraints import Moment
-
-Mask = npt.NDArray[np.bool_]
-
-Numbers = dict[str, Any]
-"""A nested dictionary whose leaves are numbers and truth values."""
 
 CENTIMETRE = 100.0
 
@@ -55,7 +49,7 @@ FITS = ("feet", "grid_15", "grid_15_nonnegative", "grid_15_linear_program")
 """The panels of Figure 13: least squares on the feet, on 15 points and with w >= 0, and the linear program."""
 
 SUBSETS = (3, 5, 10, 15, 20, 30, 40, 60)
-"""Numbers of observations in Figure 11."""
+"""Nested of observations in Figure 11."""
 
 SAMPLINGS = 10
 
@@ -64,7 +58,7 @@ class Seed(NamedTuple):
     """All experiments with the camera noise and the operator's hand of one seed."""
 
     seed: int
-    numbers: Numbers  # as tables.json nests them
+    numbers: Nested  # as tables.json nests them
     data: dict[str, list[Observation]]  # of each object
     weights: dict[str, list["Weights"]]  # the panels of Figures 5, 6 and 13
     bounds: dict[str, Array]  # lower bounds on mu_c, by the row of Table 3
@@ -79,13 +73,23 @@ class Weights(NamedTuple):
     points: Array  # (n, 2) object frame [m]
     w: Array  # (n,)
 
-    def located(self) -> Numbers:
+    def located(self) -> Nested:
         """Its p_CF."""
         return located(self.name, center_of_friction(self.points, self.w))
 
     def near_feet(self, distance: float) -> float:
         """How much of w lies within a distance [m] of a foot."""
-        return float(self.w[_at_feet(self.name, distance)].sum())
+        return float(self.w[self._at_feet(distance)].sum())
+
+    def feet_are_largest(self) -> bool:
+        """Whether the largest weights are exactly those of the feet."""
+        feet = self._at_feet(1e-6)
+        return bool(self.w[feet].min() > self.w[~feet].max())
+
+    def _at_feet(self, distance: float) -> np.ndarray:
+        """Mask (n,) of the points that lie within a distance [m] of a foot."""
+        between = np.linalg.norm(self.points[:, None] - TABLE_1[self.name].support.points, axis=2)
+        return between.min(axis=1) <= distance
 
 
 def run_seed(seed: int) -> Seed:
@@ -99,7 +103,7 @@ def run_seed(seed: int) -> Seed:
     table3, bounds = _contact_friction(data, bad, slipping)
     weights = _weights(data)
     regions = _regions(data["delrin_rect_right"])
-    numbers: Numbers = {
+    numbers: Nested = {
         "table1": {name: {"data_points": len(observations)} for name, observations in data.items()},
         "table2": {name: _grids(name, data[name]) for name in ("delrin_rect_center", "delrin_rect_right")},
         "table3": table3,
@@ -128,7 +132,7 @@ def estimate(observations: Iterable[Observation], points: Array, config: Estimat
     return [estimator.add(one) for one in observations][-1]
 
 
-def located(name: str, center: Array) -> Numbers:
+def located(name: str, center: Array) -> Nested:
     """An estimated p_CF (2,) [m], object frame, in cm, and its error in percent of the object's sides."""
     known = TABLE_1[name]
     x, y = (center * CENTIMETRE).tolist()
@@ -141,7 +145,7 @@ def _published(name: str) -> int:
     return int(PUBLISHED["paper"]["table1"][name]["data_points"])
 
 
-def _grids(name: str, observations: list[Observation]) -> Numbers:
+def _grids(name: str, observations: list[Observation]) -> Nested:
     """Table 2: p_CF over the grids of Figure 4."""
     outline = TABLE_1[name].outline
     return {
@@ -150,11 +154,11 @@ def _grids(name: str, observations: list[Observation]) -> Numbers:
     }
 
 
-def _recognition(right: str, data: dict[str, list[Observation]], config: EstimatorConfig) -> Numbers:
+def _recognition(right: str, data: dict[str, list[Observation]], config: EstimatorConfig) -> Nested:
     """Tables 4 and 5: which centre of friction fits best. Errors are scaled to the paper's number of observations."""
     name = f"delrin_rect_{right}"
     observations = data[name]
-    numbers: Numbers = {}
+    numbers: Nested = {}
     for size, grid in GRIDS.items():
         points = TABLE_1[name].outline.grid(*grid)
         errors = _fit_errors([Hypothesis(key, points, np.array(xy)) for key, xy in CENTERS.items()], observations, config)
@@ -169,7 +173,7 @@ def _recognition(right: str, data: dict[str, list[Observation]], config: Estimat
 
 def _contact_friction(
     data: dict[str, list[Observation]], bad: list[Observation], slipping: list[Observation]
-) -> tuple[Numbers, dict[str, Array]]:
+) -> tuple[Nested, dict[str, Array]]:
     """Table 3, and the bounds of the histograms of Figures 7 and 8.
 
     Args:
@@ -182,7 +186,7 @@ def _contact_friction(
     points = {case: one.support_points if one.noise == FLAT else one.support.points for case, one in known.items()}
     fits = {case: estimate(seen[case], points[case]) for case in CASES}
     bounds = {case: fit.contact_friction for case, fit in fits.items()}
-    numbers: Numbers = {case: {"p90": fit.mu_c_p90, "p100": fit.mu_c_max} for case, fit in fits.items()}
+    numbers: Nested = {case: {"p90": fit.mu_c_p90, "p100": fit.mu_c_max} for case, fit in fits.items()}
     numbers["wood_rect4_all_data"]["bad_data_points"] = len(bad) - len(seen["wood_rect4"])
     forces = [contact_friction.contact_forces(one, support_forces(points["rubber_rect4"], one.twist)) for one in slipping]
     slipped = np.concatenate([contact_friction.lower_bounds(one, fits["rubber_rect4"].w) for one in forces])
@@ -193,11 +197,6 @@ def _contact_friction(
 
 def _weights(data: dict[str, list[Observation]]) -> dict[str, list[Weights]]:
     """w over 15 points (Figure 5), over points none of which is a foot (Figure 6), and by least squares (Figure 13)."""
-
-    def fitted(name: str, title: str = "") -> Weights:
-        points = TABLE_1[name].support_points
-        return Weights(name, title or name, points, estimate(data[name], points).w)
-
     square, wood, pushes = TABLE_1["delrin_square3"], TABLE_1["wood_rect4"], data["wood_rect4"]
     feet, points = wood.support.points, wood.support_points
     squares = EstimatorConfig(cor_radius=0.0, nonnegative_force=False, loss=Loss.L2)
@@ -206,10 +205,16 @@ def _weights(data: dict[str, list[Observation]]) -> dict[str, list[Weights]]:
     actual = Weights("delrin_square3", "Actual", square.support.points, square.support.weights)
     titled = zip(FITS, cases, strict=True)
     return {
-        "figure5": [fitted("wood_rect4"), fitted("rubber_rect4")],
-        "figure6": [actual, fitted("delrin_square3", "Estimated")],
+        "figure5": [_fitted(name, data[name]) for name in ("wood_rect4", "rubber_rect4")],
+        "figure6": [actual, _fitted("delrin_square3", data["delrin_square3"])._replace(title="Estimated")],
         "figure13": [Weights("wood_rect4", case.replace("_", " "), where, w) for case, (where, w) in titled],
     }
+
+
+def _fitted(name: str, observations: list[Observation]) -> Weights:
+    """w over the hypothesised support points of an object."""
+    points = TABLE_1[name].support_points
+    return Weights(name, name, points, estimate(observations, points).w)
 
 
 def least_squares_fit(observations: Sequence[Observation], points: Array) -> Array:
@@ -228,33 +233,20 @@ def least_squares_fit(observations: Sequence[Observation], points: Array) -> Arr
     return np.asarray(uniform - within @ np.linalg.lstsq(moments @ within, moments @ uniform)[0])
 
 
-def _feet_found(found: Weights) -> Numbers:
+def _feet_found(found: Weights) -> Nested:
     """Figure 5: whether the four largest of 15 weights are the feet."""
-    feet = _at_feet(found.name, 1e-6)
     return {
-        "corners_are_top_four": _largest_are(found.w, feet),
+        "corners_are_top_four": found.feet_are_largest(),
         "weight_at_corners": found.near_feet(1e-6),
         "nonzero_weights": int((found.w > 1e-6).sum()),
         **found.located(),
     }
 
 
-def _at_feet(name: str, distance: float) -> Mask:
-    """Mask (n,) of the hypothesised support points that lie within a distance [m] of a foot."""
-    known = TABLE_1[name]
-    between = np.linalg.norm(known.support_points[:, None] - known.support.points, axis=2)
-    return np.asarray(between.min(axis=1) <= distance, dtype=bool)
-
-
-def _largest_are(w: Array, which: Mask) -> bool:
-    """Whether the largest weights are exactly those that the mask `which` selects."""
-    return bool(w[which].min() > w[~which].max())
-
-
-def _orientation(name: str, observations: list[Observation]) -> Numbers:
+def _orientation(name: str, observations: list[Observation]) -> Nested:
     """Figures 9 and 10: the fit errors of an object's orientations for each half-width of the contact interval."""
     feet, center = TABLE_1[name].support.points, TABLE_1[name].support.center_of_friction
-    numbers: Numbers = {}
+    numbers: Nested = {}
     for case, known in (("supports", None), ("supports_and_center", center)):
         hypotheses = [Hypothesis(str(turn), feet, known).turned(math.radians(turn), (0.0, 0.0)) for turn in ORIENTATIONS[name]]
         numbers[case] = {}
@@ -285,16 +277,15 @@ def _sample(observations: list[Observation], size: int, rng: np.random.Generator
     return [observations[i] for i in chosen]
 
 
-def _subsets(observations: list[Observation], rng: np.random.Generator) -> Numbers:
+def _subsets(observations: list[Observation], rng: np.random.Generator) -> Nested:
     """Figure 11: the mean error of p_CF over random samplings of the observations of rubber_rect4."""
-    points, feet = TABLE_1["rubber_rect4"].support_points, _at_feet("rubber_rect4", 1e-6)
     numbers = {}
     for size in SUBSETS:
-        results = [estimate(_sample(observations, size, rng), points) for _ in range(SAMPLINGS)]
-        errors = [located("rubber_rect4", result.center_of_friction) for result in results]
+        results = [_fitted("rubber_rect4", _sample(observations, size, rng)) for _ in range(SAMPLINGS)]
+        errors = [result.located() for result in results]
         numbers[f"points_{size}"] = {
             **{axis: float(np.mean([error[axis] for error in errors])) for axis in ("percent_x", "percent_y")},
-            "share_with_correct_supports": float(np.mean([_largest_are(result.w, feet) for result in results])),
+            "share_with_correct_supports": float(np.mean([result.feet_are_largest() for result in results])),
         }
     return numbers
 
@@ -308,11 +299,11 @@ def _regions(observations: list[Observation]) -> list[Region]:
     return regions
 
 
-def rods() -> tuple[Numbers, list[tuple[Array, Array]]]:
+def rods() -> tuple[Nested, list[tuple[Array, Array]]]:
     """Figure 12: two rods of length 2 that frictionless pushes along them cannot distinguish. Nothing in it is random.
 
     Returns:
-        Numbers, and of each rod f_y and moment (k, 2) on its limit surface, and those (m, 2) that such pushes reach.
+        Nested, and of each rod f_y and moment (k, 2) on its limit surface, and those (m, 2) that such pushes reach.
     """
     ends = np.array(((-1.0, 0.0), (1.0, 0.0)))
     first, second = Support(ends, np.full(2, 1 / 2)), Support(np.vstack((ends, (0.0, 0.0))), np.full(3, 1 / 3))
