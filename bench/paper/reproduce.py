@@ -1,6 +1,5 @@
 """`./pushfric reproduce`: the paper's experiments for many seeds in parallel, as tables.json, images and a report."""
 
-import itertools
 import math
 import pathlib
 from typing import Annotated
@@ -12,7 +11,7 @@ from bench.paper.claims import CLOSE, CLOSE_MU, Claim, agrees, claims
 from bench.paper.experiments import rods, run_seed
 from bench.paper.figures import figures
 from bench.paper.pushes import CLOSER, LONGEST_TURN
-from bench.paper.tables import Nested, Path, leaves, number, tables
+from bench.paper.tables import Nested, Path, leaves, number, table_of, tables
 from bench.program import results_of
 from docs import markdown
 from pushfric_core.commands.console import say
@@ -61,17 +60,15 @@ def reproduce(
 
 def table(nested: Nested) -> str:
     """A part of tables.json, beside the paper's numbers and the reference's: a row for each case, columns for each kind."""
-    rows: dict[str, dict[str, tuple[str, str, str]]] = {}
+    rows: dict[str, dict[str, str]] = {}
     for path, leaf in leaves(nested):
         _, *case, kind = path
         what, _, hypothesis = kind.partition("_")
         if hypothesis in ("left", "center", "right"):
             case, kind = [*case, hypothesis], what
-        rows.setdefault(", ".join(case), {})[kind] = cells(path, leaf)
-    kinds = list(dict.fromkeys(kind for row in rows.values() for kind in row))
-    head = [f"{kind.replace('_', ' ')}, {whose}" for kind, whose in itertools.product(kinds, WHOSE)]
-    filled = ((name, *itertools.chain.from_iterable(row.get(kind, ("",) * 3) for kind in kinds)) for name, row in rows.items())
-    return markdown.table(("", *head), filled)
+        row = rows.setdefault(", ".join(case), {})
+        row |= {f"{kind}, {whose}": cell for whose, cell in zip(WHOSE, cells(path, leaf), strict=True)}
+    return table_of(rows, missing="")
 
 
 def cells(path: Path, leaf: Nested) -> tuple[str, str, str]:

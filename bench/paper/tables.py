@@ -14,6 +14,7 @@ import yaml
 from docs.markdown import table
 
 Nested = dict[str, Any]
+"""A nested dictionary whose leaves are numbers and truth values, or dictionaries of what is known of a number."""
 
 Path = tuple[str, ...]
 
@@ -21,30 +22,27 @@ PUBLISHED: Nested = yaml.safe_load(pathlib.Path(__file__).with_name("published.y
 """The numbers of `paper` and of its `reference`, each nested as the tables are."""
 
 
-def tables(seeds: Sequence[Mapping[str, Any]]) -> Nested:
+def tables(seeds: Sequence[Any], published: Nested = PUBLISHED) -> Nested:
     """The numbers of all seeds in one table: each leaf has the figures of this run, of the paper and of the reference.
 
     Args:
-        seeds: the `numbers` of each seed, all with the same keys.
+        seeds: the `numbers` of each seed, all with the same keys; or the same part of each.
+        published: that part of `PUBLISHED`.
     Returns:
         A dictionary nested like `numbers`. A leaf is {median, quartiles: [low, high], seeds} or {held, of}. It also has
         `paper` and `reference` if these give the number; `seeds` is the number of seeds. Numbers are infinite where no w
         satisfied the hard constraints.
     """
-    return _merge(seeds, PUBLISHED)
-
-
-def _merge(values: Sequence[Any], published: Mapping[str, Any]) -> Nested:
-    first = values[0]
+    first = seeds[0]
     if isinstance(first, Mapping):
         return {
-            key: _merge([value[key] for value in values], {name: one[key] for name, one in published.items() if key in one})
+            key: tables([one[key] for one in seeds], {name: part[key] for name, part in published.items() if key in part})
             for key in first
         }
     if isinstance(first, bool):
-        return {"held": sum(values), "of": len(values), **published}
-    median, low, high = spread(values)
-    return {"median": median, "quartiles": [low, high], "seeds": len(values), **published}
+        return {"held": sum(seeds), "of": len(seeds), **published}
+    median, low, high = spread(seeds)
+    return {"median": median, "quartiles": [low, high], "seeds": len(seeds), **published}
 
 
 def spread(values: Sequence[float]) -> tuple[float, float, float]:
@@ -62,10 +60,10 @@ def leaves(nested: Nested, path: Path = ()) -> Iterator[tuple[Path, Nested]]:
             yield from [((*path, key), value)] if found else leaves(value, (*path, key))
 
 
-def table_of(cells: Mapping[str, Mapping[str, Any]]) -> str:
-    """Named numbers as a table in Markdown: a row for each name, a column for each key."""
+def table_of(cells: Mapping[str, Mapping[str, Any]], missing: str = "-") -> str:
+    """Named numbers as a table in Markdown: a row for each name, a column for each key; and what stands for a missing one."""
     keys = list(dict.fromkeys(key for cell in cells.values() for key in cell))
-    rows = ((name, *(_said(cell.get(key)) for key in keys)) for name, cell in cells.items())
+    rows = ((name, *(_said(cell.get(key, missing)) for key in keys)) for name, cell in cells.items())
     return table(("", *(key.replace("_", " ") for key in keys)), rows)
 
 
