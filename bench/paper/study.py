@@ -8,7 +8,7 @@ Further cells are about screening (module `spoilt`).
 import math
 import pathlib
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -16,7 +16,7 @@ import typer
 from bench import constants
 from bench.paper import spoilt
 from bench.paper.pushes import NOISES, eight_places, estimated, filmed, moved, objects
-from bench.paper.tables import table_of
+from bench.paper.tables import Nested, table_of
 from bench.program import results_of
 from bench.public.zhou2015 import object_on, read_push_points
 from bench.public_pushes import center_off
@@ -34,10 +34,10 @@ SEEDS = 200
 """Simulated runs for each case."""
 
 SUBSETS = 30
-"""Numbers of real pushes that are chosen at random from each log."""
+"""Nested of real pushes that are chosen at random from each log."""
 
 SIZES = (10, 20, 40)
-"""Numbers of real pushes."""
+"""Nested of real pushes."""
 
 SCREENED = ("unequal_feet", "triangle", "delrin_rect_right")
 """The objects with which bad pushes and changes are tried."""
@@ -48,17 +48,15 @@ REAL_CENTER = np.full(2, 0.05)
 PARTS = ("simulated", "real", "mu_c", "screened")
 """The parts of study.json with numbers, each a table of study.md; docs/estimation.md explains them."""
 
-Numbers = dict[str, Any]
 
-
-def run_seed(seed: int) -> dict[str, Any]:
+def run_seed(seed: int) -> Nested:
     """All simulated cells of one seed.
 
     Returns:
         `seed`; under `cells` what was found in each, by its name; under `mu_c` that of each object of Table 1; and as
         `screened` the cases of bad pushes and changed objects, each with what was said of it.
     """
-    found: dict[str, Any] = {"seed": seed, "cells": {}, "mu_c": {}, "screened": []}
+    found: Nested = {"seed": seed, "cells": {}, "mu_c": {}, "screened": []}
     for number, (name, studied) in enumerate(objects().items()):
         found["cells"] |= _cells(name, studied, np.random.default_rng((seed, 397 + number)))
         if name in SCREENED:
@@ -99,7 +97,7 @@ def study(
     seeds = seeds or SEEDS
     logs = {} if pushes is None else read_push_points(pushes)
     runs = sorted(results_of(run_seed, range(seeds), jobs, dask), key=lambda one: int(one["seed"]))
-    summary: Numbers = {
+    summary: Nested = {
         "seeds": seeds,
         "simulated": {name: _summary([one["cells"][name] for one in runs]) for name in runs[0]["cells"]},
         "mu_c": {name: _within([one["mu_c"][name] for one in runs if name in one["mu_c"]]) for name in TABLE_1},
@@ -109,7 +107,7 @@ def study(
     _write(out, summary, f"Study of {seeds} seeds", [part for part in PARTS if summary[part]])
 
 
-def _write(out: pathlib.Path, numbers: Numbers, title: str, parts: Iterable[str]) -> None:
+def _write(out: pathlib.Path, numbers: Nested, title: str, parts: Iterable[str]) -> None:
     """Write study.json, and these parts of it as tables into study.md."""
     write_whole(out / "study.json", to_json(numbers) + "\n")
     tables = (f"\n## {part}\n\n{table_of(numbers[part])}" for part in parts)
@@ -117,7 +115,7 @@ def _write(out: pathlib.Path, numbers: Numbers, title: str, parts: Iterable[str]
     say(f"report: {out / 'study.md'}")
 
 
-def _cells(name: str, studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
+def _cells(name: str, studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[str, Nested]]:
     """What is found with each plan and noise, by the name of the cell."""
     plans = {"all": even_pushes(studied.outline, studied.pushes), "places": eight_places(studied.outline, rng)}
     for plan, pushes in plans.items():
@@ -127,7 +125,7 @@ def _cells(name: str, studied: TableObject, rng: np.random.Generator) -> Iterato
             yield f"{name}/{plan}/{noise}", _found(data, studied.support_points, studied.support.center_of_friction)
 
 
-def _screened(studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[str, Numbers]]:
+def _screened(studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[str, Nested]]:
     """What is said of runs with a fault: whether it is found (None: there is none), and how many good pushes are lost."""
     for case, right, data in spoilt.runs(studied, rng):
         estimator, estimate = estimated(data, studied.support_points)
@@ -139,35 +137,31 @@ def _screened(studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[
         yield case, {"runs": 1, "found": found, "good": len(good), "lost": lost, "changed": changed}
 
 
-def _totals(said: Iterable[tuple[str, Numbers]]) -> Numbers:
+def _totals(said: Iterable[tuple[str, Nested]]) -> Nested:
     """The sums of all runs of each case; None: not asked."""
-    cases: dict[str, list[Numbers]] = {}
+    cases: Nested = {}
     for case, numbers in said:
-        cases.setdefault(case, []).append(numbers)
-    return {
-        case: {key: None if runs[0][key] is None else sum(one[key] for one in runs) for key in runs[0]}
-        for case, runs in cases.items()
-    }
+        total = cases.setdefault(case, dict.fromkeys(numbers, 0))
+        total |= {key: None if value is None else total[key] + value for key, value in numbers.items()}
+    return cases
 
 
-def _found(data: Iterable[Observation], points: Array, truth: Array) -> Numbers:
+def _found(data: Iterable[Observation], points: Array, truth: Array) -> Nested:
     """Errors of an estimate [mm], and its own figures for them; `given` is false if it has none."""
     _, estimate = estimated(data, points)
     belief = estimate.belief
-    covariance = None if belief is None else belief.covariance
-    error = float(np.hypot(*(estimate.center_of_friction - truth)))
-    numbers: Numbers = {"error": error, "given": covariance is not None}
-    if belief is not None and covariance is not None:
+    numbers = {"error": float(np.hypot(*(estimate.center_of_friction - truth))), "given": estimate.confidence is not None}
+    if numbers["given"]:
         numbers["middle"], square = center_off(belief, truth)
         numbers["held"] = square <= ELLIPSE
-        numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(covariance))))
+        numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(belief.covariance))))
     return numbers
 
 
-def _summary(runs: Sequence[Numbers]) -> Numbers:
+def _summary(runs: Sequence[Nested]) -> Nested:
     """The figures of the runs of one cell; lengths in mm."""
     given = [one for one in runs if one["given"]]
-    numbers: Numbers = {"runs": len(runs), "given": len(given), **_quantiles("error", runs)}
+    numbers: Nested = {"runs": len(runs), "given": len(given), **_quantiles("error", runs)}
     if given:
         errors = float(np.quantile([one["middle"] for one in given], 0.9))
         radius, median, optimum = (float(np.median([one[key] for one in given])) for key in ("radius", "middle", "error"))
@@ -180,12 +174,12 @@ def _summary(runs: Sequence[Numbers]) -> Numbers:
     return numbers
 
 
-def _quantiles(name: str, runs: Sequence[Numbers]) -> Numbers:
+def _quantiles(name: str, runs: Sequence[Nested]) -> Nested:
     values = [1e3 * one[name] for one in runs]
     return {f"{name}_median": float(np.median(values)), f"{name}_p90": float(np.quantile(values, 0.9))}
 
 
-def _within(runs: Sequence[Numbers]) -> Numbers:
+def _within(runs: Sequence[Nested]) -> Nested:
     """How often mu_c is within 10 % of the truth, and how often its interval holds the truth."""
     values = [one["value"] for one in runs if one["value"] is not None]
     return {
@@ -198,10 +192,10 @@ def _within(runs: Sequence[Numbers]) -> Numbers:
     }
 
 
-def _real(logs: dict[str, list[Observation]]) -> Numbers:
+def _real(logs: dict[str, list[Observation]]) -> Nested:
     """Random choices of pushes from each log."""
     points = object_on("triangle").support_points
-    cells: Numbers = {}
+    cells: Nested = {}
     for size in SIZES:
         runs = []
         for number, data in enumerate(logs.values()):
