@@ -12,7 +12,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bench.paper.experiments import GRIDS, HALF_WIDTHS, SUBSETS, Seed, Weights
+from bench.paper.experiments import CENTIMETRE, GRIDS, HALF_WIDTHS, SUBSETS, Seed, Weights
 from bench.paper.sections import cross_section
 from bench.paper.tables import PUBLISHED, Nested, number
 from pushfric_core import Observation, Region
@@ -25,8 +25,6 @@ from pushfric_core.geometry.table_1 import ORIENTATIONS, TABLE_1
 from pushfric_core.mechanics.limit_surface import LimitSurface, named_ellipsoid
 
 PAPER = "#e69f00"  # the paper's numbers; also of Okabe and Ito
-
-CENTIMETRE = 100.0
 
 DOT = 900
 """Area of the dot that shows a weight of 1 [points^2]."""
@@ -155,9 +153,8 @@ def _trajectories(panels: Panels, observations: Sequence[Observation]) -> None:
         course = [(one.pose, one.contact_point) for one in observations if one.push_id == push and one.pose is not None]
         for age, (pose, contact) in enumerate(course):
             strength = 0.25 + 0.75 * (age + 1) / len(course)
-            label = {"label": "contact"} if age == len(course) - 1 else {}
             _outline(axes, transform(pose, vertices), color=GREY, alpha=strength)
-            axes.plot(*(transform(pose, contact) * CENTIMETRE), "o", color=INK, ms=4, alpha=strength, **label)
+            axes.plot(*(transform(pose, contact) * CENTIMETRE), "o", color=INK, ms=4, alpha=strength, label="contact")
         axes.axvline(0, color=GREY, lw=0.8, ls=":", zorder=0, label="the pusher's line")
         axes.set(title=f"Pushed {side} of the middle")
 
