@@ -19,8 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.paper.pushes import NOISES, filmed, moved, objects
-from bench.paper.spoilt import CHANGE, runs
+from bench.paper.pushes import CHANGE, NOISES, filmed, moved, objects, screened_runs
 from bench.public_pushes import DRAWS, FEW, PublicSet, center_off, sets_in
 from pushfric_core import Observation, Twist, believe
 from pushfric_core.belief import constants
@@ -267,7 +266,7 @@ def _sliding(seeds: int) -> Iterator[Case]:
 
 def _spoilt(seeds: int) -> Iterator[Case]:
     for studied, _, rng in _studied(seeds, 9):
-        for _, right, data in runs(studied, rng):
+        for _, right, data in screened_runs(studied, rng):
             yield Case(SIMULATION, studied.support_points, data, right)
 
 

@@ -49,7 +49,7 @@ FITS = ("feet", "grid_15", "grid_15_nonnegative", "grid_15_linear_program")
 """The panels of Figure 13: least squares on the feet, on 15 points and with w >= 0, and the linear program."""
 
 SUBSETS = (3, 5, 10, 15, 20, 30, 40, 60)
-"""Nested of observations in Figure 11."""
+"""Numbers of observations in Figure 11."""
 
 SAMPLINGS = 10
 
@@ -303,7 +303,7 @@ def rods() -> tuple[Nested, list[tuple[Array, Array]]]:
     """Figure 12: two rods of length 2 that frictionless pushes along them cannot distinguish. Nothing in it is random.
 
     Returns:
-        Nested, and of each rod f_y and moment (k, 2) on its limit surface, and those (m, 2) that such pushes reach.
+        Numbers, and of each rod f_y and moment (k, 2) on its limit surface, and those (m, 2) that such pushes reach.
     """
     ends = np.array(((-1.0, 0.0), (1.0, 0.0)))
     first, second = Support(ends, np.full(2, 1 / 2)), Support(np.vstack((ends, (0.0, 0.0))), np.full(3, 1 / 3))

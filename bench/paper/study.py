@@ -2,7 +2,7 @@
 
 Each cell of the study is an object, a camera's noise and a plan of pushes. For each cell, the study measures how often the 90 %
 ellipse of p_CF contains the truth, its radius compared with the errors, the errors of the program and of the belief, and mu_c.
-Further cells are about screening (module `spoilt`).
+Further cells are about screening (`pushes.screened_runs`).
 """
 
 import math
@@ -14,8 +14,7 @@ import numpy as np
 import typer
 
 from bench import constants
-from bench.paper import spoilt
-from bench.paper.pushes import NOISES, eight_places, estimated, filmed, moved, objects
+from bench.paper.pushes import CHANGE, NOISES, eight_places, estimated, filmed, moved, objects, screened_runs
 from bench.paper.tables import Nested, table_of
 from bench.program import results_of
 from bench.public.zhou2015 import object_on, read_push_points
@@ -34,10 +33,10 @@ SEEDS = 200
 """Simulated runs for each case."""
 
 SUBSETS = 30
-"""Nested of real pushes that are chosen at random from each log."""
+"""Numbers of real pushes that are chosen at random from each log."""
 
 SIZES = (10, 20, 40)
-"""Nested of real pushes."""
+"""Numbers of real pushes."""
 
 SCREENED = ("unequal_feet", "triangle", "delrin_rect_right")
 """The objects with which bad pushes and changes are tried."""
@@ -127,13 +126,13 @@ def _cells(name: str, studied: TableObject, rng: np.random.Generator) -> Iterato
 
 def _screened(studied: TableObject, rng: np.random.Generator) -> Iterator[tuple[str, Nested]]:
     """What is said of runs with a fault: whether it is found (None: there is none), and how many good pushes are lost."""
-    for case, right, data in spoilt.runs(studied, rng):
+    for case, right, data in screened_runs(studied, rng):
         estimator, estimate = estimated(data, studied.support_points)
         left_out = {one.push_id for one in estimator.rejected}
         changed = estimate.judgement.doubts.change is not None
-        found = None if case.startswith("none") else changed if right == spoilt.CHANGE else right is None or right in left_out
-        good = {one.push_id for one in data if right != spoilt.CHANGE} - {right}
-        lost, changed = len(good & left_out), changed and right != spoilt.CHANGE
+        found = None if case.startswith("none") else changed if right == CHANGE else right is None or right in left_out
+        good = {one.push_id for one in data if right != CHANGE} - {right}
+        lost, changed = len(good & left_out), changed and right != CHANGE
         yield case, {"runs": 1, "found": found, "good": len(good), "lost": lost, "changed": changed}
 
 

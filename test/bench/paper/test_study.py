@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from bench.paper import pushes, spoilt, study
+from bench.paper import pushes, study
 from pushfric_core.mechanics import simulation
 
 
@@ -26,7 +26,7 @@ def test_a_seed_finds_what_the_report_says(tmp_path, monkeypatch):
         assert (cell["given"], cell["held"]) == (1, 1), name
     assert cells["delrin_rect_right/all/FEET"]["error_median"] < 1.0  # mm
     screened = summary["screened"]
-    cases = {*spoilt.SPOILT, "none", "shift of 8 mm", "shift of 4 mm"}
+    cases = {*pushes.SPOILT, "none", "shift of 8 mm", "shift of 4 mm"}
     assert set(screened) == {f"{case}/{noise}" for case in cases for noise in pushes.NOISES}
     assert screened["none/FEET"] == {"runs": 1, "found": None, "good": 8, "lost": 0, "changed": 0}
     assert screened["lost contact/FEET"]["found"] == 1
@@ -39,8 +39,8 @@ def test_a_moved_load_shifts_the_center_of_friction_as_asked(rng):
     """In every direction that is drawn."""
     studied = pushes.objects()["unequal_feet"]
     before = studied.support.center_of_friction
-    for shift in spoilt.SHIFTS:
-        after = spoilt.with_moved_load(studied.support, shift, rng).center_of_friction
+    for shift in pushes.SHIFTS:
+        after = pushes.with_moved_load(studied.support, shift, rng).center_of_friction
         assert np.hypot(*(after - before)) == pytest.approx(shift)
 
 
