@@ -14,7 +14,6 @@ import numpy as np
 
 from bench.public.strokes import Stroke, Written, leaving_out, observed, save_model, save_set
 from pushfric_core import InvalidInput, Outline
-from pushfric_core.files.disk import make_folder
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.wording import counted, shortened
 
@@ -54,7 +53,6 @@ def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> Written
             strokes = read_run(path)
             surface = next((surface for surface in SURFACES if surface in path.name.lower()), NAME)
             sets.setdefault(surface, []).extend(stroke._replace(run=run) for stroke in strokes)
-    make_folder(out, new=True)
     save_model(BLOCK, outline, out)
     for name, strokes in sets.items():
         strokes = _with_radius(strokes, outline)

@@ -21,7 +21,7 @@ from scipy.io import loadmat
 from bench.public.strokes import Stroke, Written, leaving_out, observed, save_model, save_observations, save_set, save_strokes
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.errors import blaming
-from pushfric_core.files.disk import make_folder, reading
+from pushfric_core.files.disk import reading
 from pushfric_core.geometry.planar import Array, Pose, Twist, cross, log
 from pushfric_core.wording import shortened
 
@@ -65,7 +65,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
 
     Args:
         source: the clone.
-        out: folder to write into.
+        out: folder to write into, as the command has made it.
     Returns:
         What was written, and what cannot be read: a file, or the outline of a shape.
     Raises:
@@ -75,7 +75,6 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
     found = [(*match.groups(), path) for path in files if (match := FILE.fullmatch(path.name))]
     if not found:
         raise InvalidInput(f"{source}: no {FOLDER}/wrench1twist1*.mat; expected a clone of PlanarManipulationToolBox")
-    make_folder(out, new=True)
     written: Written = []
     outlines: dict[str, Outline] = {}
     for shape in dict.fromkeys(shape for _, shape, _, _ in found):
@@ -120,7 +119,7 @@ def outline_of(shape: str, clone: pathlib.Path) -> Outline:
         InvalidInput: there is no such shape, or that of `butter` cannot be read.
     """
     if shape not in SIZES:
-        return Outline(_listed(shape, clone / OUTLINES))
+        return _listed(shape, clone / OUTLINES)
     x, y = SIZES[shape]
     if shape.startswith("rect"):
         return Outline(np.array((x, y)) / 2 * ((1, 1), (-1, 1), (-1, -1), (1, -1)))
@@ -140,21 +139,18 @@ def _rounded(shape: str, observations: Iterable[Observation | None]) -> list[Obs
     return [replace(one, contact_normal=normal) for one, normal in zip(found, unit, strict=True)]
 
 
-def _listed(shape: str, path: pathlib.Path) -> Array:
-    """The corners (n, 2) of a shape that the MATLAB function lists: the first matrix after its name with rows of two."""
+def _listed(shape: str, path: pathlib.Path) -> Outline:
+    """The outline of a shape that the MATLAB function lists: the first matrix after its name with rows of two."""
     with reading(path):
         text = path.read_text(encoding="utf-8", errors="replace")
     text = re.sub(r"\.\.\.[^\n]*\n", " ", re.sub(r"%[^\n]*", "", text))
     _, _, after = re.sub(r'"', "'", text).partition(f"'{shape}'")
     for matrix in MATRIX.findall(re.split(r"\belseif\b|\bcase\b|\belse\b", after)[0]):
-        rows = [row.replace(",", " ").split() for row in re.split(r"[;\n\[\]]", matrix)]
-        rows = [row for row in rows if row]
+        rows = [found for row in re.split(r"[;\n\[\]]", matrix) if (found := row.replace(",", " ").split())]
         if len(rows) > 2 and all(len(row) == 2 for row in rows):
             with blaming(f"{path}: the outline of {shape}", ValueError, PushfricError):
                 corners = np.array(rows, dtype=float)
-                corners = corners[np.any(corners != np.roll(corners, -1, axis=0), axis=1)]  # perhaps closed
-                Outline(corners)
-            return corners
+                return Outline(corners[np.any(corners != np.roll(corners, -1, axis=0), axis=1)])  # perhaps closed
     raise InvalidInput(f"{path}: the outline of {shape}: expected a matrix of at least 3 rows of two numbers after '{shape}'")
 
 

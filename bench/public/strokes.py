@@ -178,10 +178,9 @@ def save_observations(observations: Sequence[Observation], path: pathlib.Path) -
         + (one.half_width or None, *(one.force or missing), *(one.tip_velocity or missing))
         for one in observations
     ]
-    used = [any(row[column] is not None for row in rows) for column in range(len(REQUIRED + OPTIONAL))]
-    columns = [column for column in range(len(used)) if used[column] or column < len(REQUIRED)]
-    names = [(REQUIRED + OPTIONAL)[column] for column in columns]
-    save_table(names, [[row[column] for column in columns] for row in rows], path)
+    names = REQUIRED + OPTIONAL
+    used = [k for k, name in enumerate(names) if name in REQUIRED or any(row[k] is not None for row in rows)]
+    save_table([names[k] for k in used], [[row[k] for k in used] for row in rows], path)
 
 
 def save_model(name: str, outline: Outline, out: pathlib.Path) -> None:
