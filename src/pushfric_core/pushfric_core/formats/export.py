@@ -1,9 +1,10 @@
 """Export of a friction model: to a simulator, or as JSON to a planner or a program of one's own."""
 
 import json as jsons
+import math
 from collections.abc import Callable
 
-from pushfric_core.formats.body import GRAVITY, HEIGHT, PUSHER_RADIUS, ExportedBody, load_of
+from pushfric_core.formats.body import CLEARANCE, GRAVITY, HEIGHT, PUSHER_RADIUS, ExportedBody, load_of
 from pushfric_core.formats.mjcf import mjcf
 from pushfric_core.formats.sdf import sdf
 from pushfric_core.geometry.outline import Outline
@@ -17,7 +18,7 @@ FORMAT = 1
 def json(body: ExportedBody) -> dict[str, str]:
     """All that is known, object frame, SI units; docs/planning.md has the keys."""
     friction, load, feet = body.friction, body.load, body.feet
-    ellipsoid, total = named_ellipsoid(friction.support), load.total_friction
+    ellipsoid, total = named_ellipsoid(friction.support), load.table_friction * load.mass * load.gravity
     content = {
         "format": FORMAT,
         "comments": body.comments(),
@@ -28,7 +29,7 @@ def json(body: ExportedBody) -> dict[str, str]:
         "mass": load.mass,
         "gravity": load.gravity,
         "table_friction": load.table_friction,
-        "total_friction": load.total_friction,
+        "total_friction": total,
         "mu_c": friction.median_mu_c,
         "support_points": friction.support_points.tolist(),
         "w": friction.support.weights.tolist(),
@@ -94,5 +95,11 @@ def export(
     """
     if to not in FORMATS:
         raise ValueError(f"expected one of the formats {', '.join(FORMATS)}, got {to!r}")
+    figures = {"mass": mass, "table_friction": table_friction, "gravity": gravity, "total_friction": total_friction}
+    for figure, value in (figures | {"pusher_radius": pusher_radius}).items():
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"{figure} must be positive and finite, got {value:g}")
+    if not CLEARANCE < height < math.inf:
+        raise ValueError(f"height must be more than {CLEARANCE:g} m, got {height:g}")
     load = load_of(mass, table_friction, gravity, total_friction)
     return FORMATS[to](ExportedBody(name, outline, model, load, height, pusher_radius, rests_on))
