@@ -159,13 +159,13 @@ def filmed(outline: Outline, pushes: Sequence[Frames], noise: PoseNoise, rng: np
 
 def objects() -> dict[str, TableObject]:
     """Those whose p_CF is studied: under larger outlines, supports that no grid fits, of four areas and of feet anywhere."""
-    rectangle, triangle, sides = TABLE_1["wood_rect4"], Outline(np.array(CORNERS)), (5, 3, 5, 3)
+    rectangle, triangle = TABLE_1["wood_rect4"], Outline(np.array(CORNERS))
     feet = Support(np.array(((0.03, 0.03), (0.09, 0.03), (0.03, 0.09))), np.full(3, 1 / 3))
     unequal = Support(rectangle.support.points, np.array((0.4, 0.3, 0.2, 0.1)))
     angle = Outline(np.array(((0, 0), (0.12, 0), (0.12, 0.05), (0.05, 0.05), (0.05, 0.12), (0, 0.12))) - 0.04)
     turns = np.arange(12) * math.pi / 6
     disc = Outline(0.055 * np.column_stack((np.cos(turns), np.sin(turns))))
-    plate = Outline.rectangle(0.13, 0.09)
+    plate, on_plate = Outline.rectangle(0.13, 0.09), (5, 3, 5, 3)
     five = Support(
         np.array(((-0.05, -0.03), (0.05, -0.035), (0.055, 0.03), (-0.02, 0.036), (0.005, 0.0))),
         np.array((0.3, 0.15, 0.25, 0.2, 0.1)),
@@ -175,10 +175,10 @@ def objects() -> dict[str, TableObject]:
     shapes = {
         "L": (angle, _area(angle, lambda x, y: np.ones_like(x)), (4, 1, 2, 2, 1, 4)),
         "ring": (disc, _area(disc, lambda x, y: np.hypot(x, y) > 0.035), (2, 1) * 6),
-        "eccentric": (plate, _area(plate, lambda x, y: 1 + 1.6 * x / 0.065 + 0.9 * y / 0.045), sides),
-        "runners": (plate, runners, sides),
-        "five_feet": (plate, five, sides),
-        "three_feet": (plate, three, sides),
+        "eccentric": (plate, _area(plate, lambda x, y: 1 + 1.6 * x / 0.065 + 0.9 * y / 0.045), on_plate),
+        "runners": (plate, runners, on_plate),
+        "five_feet": (plate, five, on_plate),
+        "three_feet": (plate, three, on_plate),
     }
     return {
         "unequal_feet": rectangle._replace(support=unequal, pushes=(5, 2, 5, 2)),
