@@ -143,9 +143,9 @@ class Ros:
     """The rclpy nodes of one test, spun by one background thread."""
 
     def __init__(self) -> None:
-        from rclpy.executors import SingleThreadedExecutor
+        from pushfric_ros.node_kit.executor import NodeExecutor
 
-        self._executor = SingleThreadedExecutor()
+        self._executor = NodeExecutor()
         self._nodes: list = []
         self._thread = threading.Thread(target=self._spin, name="ros")
         self._stopping = False
@@ -196,9 +196,9 @@ class Ros:
 
     def take_out(self, node) -> None:
         """Stop spinning a node, once its present callbacks have ended; the test destroys it."""
-        self._executor.remove_node(node)
         self._nodes.remove(node)
-        self.wait_for(self._executor.create_task(lambda: None).done, what="the end of the node's callbacks")
+        removed = self._executor.create_task(self._executor.remove_node, node)  # in the thread that spins it
+        self.wait_for(removed.done, what="the end of the node's callbacks")
 
     def wait_for(self, predicate: Callable[[], object], timeout: float = 60.0, what: str = "the awaited event") -> None:
         """Wait until `predicate` holds. Fail, naming `what`, after `timeout` [s], or at once if a callback raised."""
@@ -213,9 +213,10 @@ class Ros:
         self._stopping = True
         self._executor.wake()
         self._thread.join()
-        self._executor.shutdown()
         for node in self._nodes:
+            self._executor.remove_node(node)
             node.destroy_node()
+        self._executor.shutdown()
         if self._failure is not None and not isinstance(self._failure, SystemExit):
             raise self._failure
 
@@ -226,6 +227,8 @@ def _room_for_images() -> None:
     from pushfric_ros.node_kit.visit import visit
 
     visit("first", images=True).close()
+    gc.collect()
+    gc.freeze()  # the modules: for each of the tests, collections that look at them all take a tenth of a second
 
 
 @pytest.fixture

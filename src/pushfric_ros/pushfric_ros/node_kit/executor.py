@@ -12,6 +12,7 @@ from collections.abc import Callable, Coroutine
 from contextlib import ExitStack
 from typing import Any
 
+from rclpy.context import Context
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -33,21 +34,21 @@ Entity = Any
 
 
 class NodeExecutor(SingleThreadedExecutor):
-    """Spins one node in one thread.
+    """Spins nodes in one thread.
 
     Callbacks run one at a time, in rclpy's order. A callback that awaits something holds up no other, whatever its group.
     """
 
     _tasks: list[tuple[Task, Any, Any]]  # rclpy's
 
-    def __init__(self) -> None:
-        super().__init__()
+    def __init__(self, context: Context | None = None) -> None:
+        super().__init__(context=context)
         self._entities: list[list[Entity]] = []  # that the wait set has room for: timers, subscriptions, ... waitables
         self._in_use = ExitStack()  # keeps them from being destroyed
         self._events_due = 0.0  # when to look at the events next, by time.monotonic() [s]
 
     def remove_node(self, node: Node) -> None:
-        """Stop spinning a node, which can then be destroyed."""
+        """Stop spinning a node, which can then be destroyed; in the thread that spins it, or when that has ended."""
         self._forget()
         super().remove_node(node)
 
@@ -102,9 +103,11 @@ class NodeExecutor(SingleThreadedExecutor):
 
     def _ready(self, timeout_ns: int) -> list[tuple[Callable[[Entity], Any], Entity]]:
         """The ready entities, each with what takes its data and returns its call; waits at most this long, -1: for ever."""
-        (node,) = self.get_nodes()
-        kinds = (node.timers, node.subscriptions, node.guards, node.clients, node.services, node.waitables)
-        entities = [list(kind) for kind in kinds]
+        entities: list[list[Entity]] = [[], [], [], [], [], []]
+        for node in self.get_nodes():
+            kinds = (node.timers, node.subscriptions, node.guards, node.clients, node.services, node.waitables)
+            for held, kind in zip(entities, kinds, strict=True):
+                held += kind
         if entities != self._entities:
             try:
                 self._hold(entities)

@@ -9,11 +9,11 @@ from functools import partial
 from typing import Any, Generic, TypeVar
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from pushfric_ros.node_kit.executor import NodeExecutor
 from pushfric_ros.node_kit.network import configured
 
 
@@ -63,14 +63,14 @@ class Visit(contextlib.AbstractContextManager["Visit[AnyNode]"], Generic[AnyNode
             with configured(images):
                 rclpy.init(context=self._context, args=["--ros-args", "--enclave", enclave])
                 self.node = make(context=self._context)
-            self._executor = SingleThreadedExecutor(context=self._context)
+            self._executor = NodeExecutor(self._context)
             self._executor.add_node(self.node)
         except BaseException:
             rclpy.try_shutdown(context=self._context)
             raise
 
     def spin_once(self, seconds: float) -> None:
-        """Let the node do one thing; wait at most this long [s] for it."""
+        """Let the node do what is due; wait at most this long [s] for something."""
         with held_back():
             self._executor.spin_once(timeout_sec=seconds)
 
@@ -83,8 +83,9 @@ class Visit(contextlib.AbstractContextManager["Visit[AnyNode]"], Generic[AnyNode
 
     def close(self) -> None:
         """Destroy the node and leave the graph."""
-        self._executor.shutdown()
+        self._executor.remove_node(self.node)
         self.node.destroy_node()
+        self._executor.shutdown()
         rclpy.try_shutdown(context=self._context)
 
     def __exit__(self, *_: Any) -> None:
