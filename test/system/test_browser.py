@@ -395,6 +395,71 @@ def test_a_scan_gives_the_outline(browser, tmp_path):
     np.testing.assert_allclose(size, (0.12, 0.08), atol=1e-3)
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> str:
+    """Address of the page of a recorded run."""
+    file = tmp_path_factory.mktemp("recorded") / "page.html"
+    command = ["report", str(pathlib.Path(__file__).parents[2] / "bags/rubber_rect4"), "--html", str(file)]
+    subprocess.run([sys.executable, "-m", "pushfric_core", *command], check=True)
+    return file.as_uri()
+
+
+TOO_NARROW = """[...document.querySelectorAll("section.wide td")]
+  .filter(cell => cell.scrollWidth > cell.clientWidth + 1).map(cell => cell.textContent)"""
+"""The cells that their text does not fit in, so that it lies over the next one's."""
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width):
+    """In one file, by keys alone."""
+    with visit(browser, recorded, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
+        expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, observation (\d) of \1, "))
+        expect(page.locator("#stop")).to_be_hidden()
+        expect(page.locator("#trust")).to_contain_text("may be used")
+        page.locator("#moment").press("PageUp")
+        page.locator("#compare").press("Enter")
+        for _ in range(4):
+            page.locator("#moment").press("PageUp")
+        expect(page.locator("#pinned_name")).to_have_text(re.compile("^push 13, "))
+        expect(page.locator("#shown_name")).to_have_text(re.compile("^push 9, "))
+        expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
+        expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        assert page.evaluate(TOO_NARROW) == []
+        assert violations(page) == {}
+
+
+def test_a_line_whose_width_changes_while_a_moment_is_chosen_is_drawn_again(browser, recorded):
+    with contextlib.closing(browser.new_page()) as page:
+        page.goto(recorded)
+        expect(page.locator("#line .curve")).not_to_have_count(0)
+        page.evaluate("""window.before = document.getElementById("line").firstElementChild; document.body.style.width = "700px";
+          document.getElementById("moment").dispatchEvent(new Event("input")); window.dispatchEvent(new Event("resize"));""")
+        page.wait_for_function("window.before !== document.getElementById('line').firstElementChild")
+
+
+def test_a_report_prints_on_two_sheets(browser, recorded):
+    """Also from dark colours; all of it is text and lines, none of it a picture."""
+    with contextlib.closing(browser.new_page(color_scheme="dark")) as page:  # on paper, everything moves
+        page.goto(recorded)
+        expect(page.locator("#line .curve")).not_to_have_count(0)
+        printed = page.pdf(prefer_css_page_size=True)
+        assert len(re.findall(rb"/Type /Page\b", printed)) == 2
+        assert b"/Subtype /Image" not in printed
+        page.emulate_media(media="print")
+        assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--card')") == "#ffffff"
+        for part in ("#plane", "#friction", "#time", "#predictions", "#table", "#settings", "#trust"):
+            expect(page.locator(part)).to_be_visible()
+
+
+COUNT_TONES = """() => {
+  window.tones = 0;
+  const start = OscillatorNode.prototype.start;
+  OscillatorNode.prototype.start = function (...when) { window.tones += 1; return start.apply(this, when); };
+}"""
+
+
 @contextlib.contextmanager
 def slow_run(folder: pathlib.Path, **changes):
     """The address of a run with a view, and its processes: slow pushes, so that one can be stopped on its way."""
@@ -532,71 +597,6 @@ def test_any_moment_is_looked_back_at_and_compared_by_keys(browser, url):
         page.locator("#to_now").press("Enter")
         expect(name).to_have_text("now")
         expect(page.locator("#drawing .tip")).to_have_count(1)
-
-
-@pytest.fixture(scope="module")
-def recorded(tmp_path_factory) -> str:
-    """Address of the page of a recorded run."""
-    file = tmp_path_factory.mktemp("recorded") / "page.html"
-    command = ["report", str(pathlib.Path(__file__).parents[2] / "bags/rubber_rect4"), "--html", str(file)]
-    subprocess.run([sys.executable, "-m", "pushfric_core", *command], check=True)
-    return file.as_uri()
-
-
-TOO_NARROW = """[...document.querySelectorAll("section.wide td")]
-  .filter(cell => cell.scrollWidth > cell.clientWidth + 1).map(cell => cell.textContent)"""
-"""The cells that their text does not fit in, so that it lies over the next one's."""
-
-
-@pytest.mark.parametrize("width", [1280, 360])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width):
-    """In one file, by keys alone."""
-    with visit(browser, recorded, viewport={"width": width, "height": 800}, color_scheme=scheme) as page:
-        expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, observation (\d) of \1, "))
-        expect(page.locator("#stop")).to_be_hidden()
-        expect(page.locator("#trust")).to_contain_text("may be used")
-        page.locator("#moment").press("PageUp")
-        page.locator("#compare").press("Enter")
-        for _ in range(4):
-            page.locator("#moment").press("PageUp")
-        expect(page.locator("#pinned_name")).to_have_text(re.compile("^push 13, "))
-        expect(page.locator("#shown_name")).to_have_text(re.compile("^push 9, "))
-        expect(page.locator("#drawing .weight.pinned")).not_to_have_count(0)
-        expect(page.locator("#prediction_drawing .predicted")).to_have_count(1)
-        assert page.evaluate("document.documentElement.scrollWidth") == width
-        assert page.evaluate(TOO_NARROW) == []
-        assert violations(page) == {}
-
-
-def test_a_line_whose_width_changes_while_a_moment_is_chosen_is_drawn_again(browser, recorded):
-    with contextlib.closing(browser.new_page()) as page:
-        page.goto(recorded)
-        expect(page.locator("#line .curve")).not_to_have_count(0)
-        page.evaluate("""window.before = document.getElementById("line").firstElementChild; document.body.style.width = "700px";
-          document.getElementById("moment").dispatchEvent(new Event("input")); window.dispatchEvent(new Event("resize"));""")
-        page.wait_for_function("window.before !== document.getElementById('line').firstElementChild")
-
-
-def test_a_report_prints_on_two_sheets(browser, recorded):
-    """Also from dark colours; all of it is text and lines, none of it a picture."""
-    with contextlib.closing(browser.new_page(color_scheme="dark")) as page:  # on paper, everything moves
-        page.goto(recorded)
-        expect(page.locator("#line .curve")).not_to_have_count(0)
-        printed = page.pdf(prefer_css_page_size=True)
-        assert len(re.findall(rb"/Type /Page\b", printed)) == 2
-        assert b"/Subtype /Image" not in printed
-        page.emulate_media(media="print")
-        assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--card')") == "#ffffff"
-        for part in ("#plane", "#friction", "#time", "#predictions", "#table", "#settings", "#trust"):
-            expect(page.locator(part)).to_be_visible()
-
-
-COUNT_TONES = """() => {
-  window.tones = 0;
-  const start = OscillatorNode.prototype.start;
-  OscillatorNode.prototype.start = function (...when) { window.tones += 1; return start.apply(this, when); };
-}"""
 
 
 def begins(state: PusherState) -> bool:
