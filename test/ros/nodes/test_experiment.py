@@ -488,7 +488,7 @@ def test_a_push_that_a_pause_ended_is_repeated_without_a_person(ros, controller,
 
 @pytest.mark.parametrize("why", ["it moved nothing", "the tracker stood still"])
 def test_a_push_that_gave_no_observation_is_named_at_once_and_can_be_repeated(ros, controller, tmp_path, capfd, why):
-    table = Table(ros, tmp_path, lost_object=0.5, start=2, observed=False)
+    table = Table(ros, tmp_path, lost_object=2.0, start=2, observed=False)
     if why == "the tracker stood still":
         table.settled = 0
         ros.wait_for(lambda: controller.position() > 0.01, 60.0, "the push")
@@ -513,7 +513,10 @@ def test_a_push_that_was_half_seen_can_be_repeated_too(ros, controller, tmp_path
             observation.header.stamp.sec = second
             table._observation_out.publish(observation)
     table.wait_for_message("push 2 of 3 was given up: only 2 observations came from it, up to 5 from others")
-    assert table.call("experiment/repeat")
+    assert table.call("actuator/stop")  # while a person chooses
+    table.wait_for_message("it was stopped: press Reset")
+    assert table.call("actuator/reset")
+    table.choose("repeat")
     last = table.wait_for_end()
     assert (last.completed, last.aborted, last.skipped, table.left_out) == (2, 0, 0, [1])
     assert pushed(table.states) == [1, 4, 2]

@@ -106,10 +106,11 @@ class Operator:
     async def until_chosen(self, push: str) -> None:
         """Let a person choose what becomes of an aborted push, once the pusher can move again."""
         self._asked = True
-        await self.until_well(lambda: self._pusher.hindrance() if self.choice is None else None, "waiting for the pusher")
-        if self.choice is None:
-            self.report(PlanProgress.PHASE_CHOOSING, f"{push}. Repeat it, skip it, or end the run?")
-            await self.until(lambda: self.choice is not None)
+        while self.choice is None:
+            await self.until_well(lambda: self._pusher.hindrance() if self.choice is None else None, "waiting for the pusher")
+            if self.choice is None:
+                self.report(PlanProgress.PHASE_CHOOSING, f"{push}. Repeat it, skip it, or end the run?")
+                await self.until(lambda: self.choice is not None, self._pusher.hindrance)  # a stop may be reported late
         self._asked = False
 
     def _details(self, phase: int) -> str:
