@@ -9,6 +9,7 @@ import types
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rich.console import Console
+from rich.live import Live
 
 from pushfric_core.bags.bag import Bag
 from pushfric_msgs.msg import EstimatorProgress, FrictionEstimate, PlanProgress
@@ -148,3 +149,14 @@ def test_each_number_of_pushes_has_one_line_though_a_push_is_left_out_for_a_whil
         for pushes in (1, 2):
             monitor._on_estimate(FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, data_points=7, pushes=pushes))
         assert wide.export_text().split()[:3] == ["push", "1", "7"]
+
+
+def test_a_prompt_is_not_cut_by_the_end_of_the_line():
+    """As the console of the commands would, which leaves it to the terminal to wrap what they print."""
+    text = "push 3 of 14: place the object at x 0 mm, y 40 mm, turned by 0 degrees: move it by about 30 mm"
+    narrow = Console(record=True, soft_wrap=True, width=80)
+    with contextlib.closing(watch.Monitor(narrow, "/prompt", "pushing", None, live=True)) as monitor:
+        monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_PLACING, count=14, message=text))
+        with Live(monitor._view(), console=narrow):
+            pass
+    assert text in " ".join(line.strip() for line in narrow.export_text().splitlines())
