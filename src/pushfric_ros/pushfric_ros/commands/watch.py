@@ -297,8 +297,9 @@ class Monitor:
             table.add_row(str(push), *[cell or "-" for cell in _cells(msg)])
         silent = self._finished is None and self._plan_leads and self._visit.node.silent("experiment")
         hint = self._hint(-1 if silent else self._phase)
-        message = "the experiment does not report" if silent else self._message
-        return Group(table, self._progress, Text(message, no_wrap=False, overflow="fold"), *[Text(hint, style="dim")] * bool(hint))
+        # the commands' console leaves it to the terminal to wrap lines; the redrawn ones would be cut
+        message = Text("the experiment does not report" if silent else self._message, no_wrap=False, overflow="fold")
+        return Group(table, self._progress, message, *[Text(hint, style="dim")] * bool(hint))
 
     def _hint(self, phase: int) -> str:
         """The present actions of the keys; empty without a terminal to press them in."""
