@@ -65,7 +65,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
 
     Args:
         source: the clone.
-        out: folder to write into, as the command has made it.
+        out: folder to write into; the first file makes it.
     Returns:
         What was written, and what cannot be read: a file, or the outline of a shape.
     Raises:

@@ -95,16 +95,13 @@ def write_whole(path: pathlib.Path, content: str | bytes) -> None:
                 raise
 
 
-def make_folder(path: pathlib.Path, new: bool = False) -> None:
-    """Make a folder, and those around it.
+def make_folder(path: pathlib.Path) -> None:
+    """Make a folder, and those around it, unless it exists.
 
-    Args:
-        path: of the folder.
-        new: it must not exist yet.
     Raises:
         InvalidInput: it cannot be made.
     """
     try:
-        path.mkdir(parents=True, exist_ok=not new)
+        path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InvalidInput(f"{path}: the folder cannot be created: {error.strerror}") from error
