@@ -17,7 +17,7 @@ from rich.table import Table
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import costs, footprint, pipeline, public_pushes, services, simulators, soak, updates
+from bench import costs, footprint, pipeline, public_pushes, services, soak, updates
 from bench.display import Verdict, plain_tables
 from bench.observations import GRIDS
 from bench.program import start
@@ -50,7 +50,7 @@ FOLDERS = "With --public: what `import` wrote."
 SOAK = "Measure only whether the memory, threads and files of a running cell's nodes grow, for this long."
 PUBLIC = "Measure only what the estimates are worth on public pushes; the figure goes to --plot, the table next to it."
 COSTS = "Measure only where time and memory go, and write the tables of docs/graph.md and docs/estimation.md: 2 minutes."
-PLANNING = "Measure only what planners get: answers of the planner node, and strokes in MuJoCo: 5 minutes."
+PLANNING = "Measure only the answers of the planner node."
 FOOTPRINT = "Measure only memory, start and end of the processes, next to a bare rclpy node: 2 minutes."
 
 
@@ -86,7 +86,7 @@ def bench(
     elif footprint_only:
         sections["footprint"] = (footprint,)
     elif planning_only:
-        sections |= {"services": (services,), "simulators": (simulators,)}
+        sections["services"] = (services,)
     else:
         sections[""] = updates, *(QUICK if quick else FULL)
         sections |= {"pipeline": (pipeline,)} if live else {}

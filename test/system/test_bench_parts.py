@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from bench import costs, display, footprint, pipeline, services, simulators, soak
+from bench import costs, display, footprint, pipeline, services, soak
 from pushfric_core.errors import InvalidInput
 
 MS = 1_000_000
@@ -108,16 +108,6 @@ def test_figures_of_any_kind_are_tables():
     figures = {"count": 3, "cpu": {"p50": 0.25}, "rows": [{"mm": 1234.5, "of": ["a", "b"]}, {"mm": None}]}
     shown = {table.title: [list(column.cells) for column in table.columns] for table in display.plain_tables("all", figures)}
     assert shown == {"all": [["count", "cpu p50"], ["3", "0.25"]], "all: rows": [["1234", "-"], ["a, b", "-"]]}
-
-
-def test_exported_scenes_are_compared_with_predictions(monkeypatch):
-    monkeypatch.setattr(simulators, "OBJECTS", ("wood_rect4",))
-    monkeypatch.setattr(simulators, "STROKES", 3)
-    figures = simulators.measure(lambda _: None)
-    (row,) = figures["strokes"]
-    assert row["object"] == "wood_rect4"
-    assert row["median_mm"] <= row["p90_mm"]
-    assert [verdict.met for verdict in simulators.verdicts(figures)] == [True, True]
 
 
 def test_a_crowd_is_answered_by_a_planner_that_has_only_its_topic(monkeypatch):

@@ -4,8 +4,9 @@ import shutil
 
 import numpy as np
 import pytest
+import strokes_in_mujoco
 
-from bench import public_pushes, simulators
+from bench import public_pushes
 from bench.public import zhou2015
 from bench.public.mitpush import POLY4
 from bench.public.strokes import STROKES, USUAL_RADIUS, Stroke, read_strokes, save_strokes
@@ -22,7 +23,7 @@ def folder(tmp_path):
     name = "wood_rect3"
     known = TABLE_1[name]
     save_object(load_object(name), tmp_path / "block.yaml")
-    chosen = simulators.strokes(known.outline, USUAL_RADIUS, np.random.default_rng(0), 30, 0.02)
+    chosen = strokes_in_mujoco.strokes(known.outline, USUAL_RADIUS, np.random.default_rng(0), 30, 0.02)
     poses, lines, begins, ends = zip(*chosen, strict=True)
     final = predict_strokes(FrictionModel.of(known.support, known.mu_c), known.outline, poses, lines, ends).means
     for suffix, right in ((STROKES, False), (POLY4, True)):

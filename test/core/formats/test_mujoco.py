@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 from exported import OBJECTS
+from strokes_in_mujoco import distances, strokes
 
-from bench.simulators import distances, strokes
 from pushfric_core import export
 
 TIP = 0.005

@@ -1,13 +1,12 @@
 """Strokes of the exported models in MuJoCo, compared with predictions."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
 
-from bench.display import Figures, Verdict
 from bench.public_pushes import Line
-from pushfric_core import TABLE_1, Outline, PushingLine, export, predict_strokes
+from pushfric_core import Outline, PushingLine, predict_strokes
 from pushfric_core.geometry.planar import Array, Pose
 from pushfric_core.mechanics.prediction import FrictionModel
 
@@ -19,11 +18,6 @@ APPROACH = 0.002
 
 REST = 300
 """Steps after a stroke, in which the tip comes to rest."""
-
-STROKE, STROKES, TIP_RADIUS = 0.05, 50, 0.005
-"""Length [m], number for each object, and radius of the tip [m]."""
-
-OBJECTS = tuple(TABLE_1)
 
 
 def strokes(outline: Outline, tip_radius: float, rng: np.random.Generator, count: int, length: float) -> list[Line]:
@@ -64,31 +58,3 @@ def distances(scene: str, model: FrictionModel, outline: Outline, chosen: Sequen
     predicted = predict_strokes(model, outline, poses, lines, ends).means
     x, y, turned = (np.array([pushed(scene, *one) for one in chosen]) - predicted).T
     return np.hypot(x, y), np.abs(turned)
-
-
-def measure(progress: Callable[[str], None]) -> Figures:
-    """Strokes of all objects of Table 1 with their true friction, in MuJoCo, against `predict_strokes`.
-
-    Returns:
-        {"strokes": [{"object", "median_mm", "p90_mm", "median_deg", "p90_deg"}]}: how far apart they end.
-    """
-    rows = []
-    for number, name in enumerate(OBJECTS):
-        progress(f"MuJoCo: {name}")
-        known = TABLE_1[name]
-        model = FrictionModel.of(known.support, known.mu_c)
-        (scene,) = export(model, known.outline, "mjcf", pusher_radius=TIP_RADIUS).values()
-        chosen = strokes(known.outline, TIP_RADIUS, np.random.default_rng(number), STROKES, STROKE)
-        apart, turned = distances(scene, model, known.outline, chosen)
-        found = {"object": name}
-        for unit, values in (("mm", 1e3 * apart), ("deg", np.degrees(turned))):
-            found[f"median_{unit}"], found[f"p90_{unit}"] = np.percentile(values, (50, 90)).tolist()
-        rows.append(found)
-    return {"strokes": rows}
-
-
-def verdicts(figures: Figures) -> Iterator[Verdict]:
-    """The targets, next to what was measured."""
-    for row in figures["strokes"]:
-        for unit, asked in (("mm", 0.5), ("deg", 1.0)):
-            yield Verdict.at_most(f"stroke in MuJoCo, {row['object']}, {unit}", asked, row[f"median_{unit}"])
