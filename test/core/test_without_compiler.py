@@ -9,7 +9,9 @@ import sys
 import pytest
 
 PACKAGE = "pushfric_core"
-PIVOTING, MOTIONS = (f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation"))
+PIVOTING, MOTIONS, SLOPES = (
+    f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation", "belief.slopes")
+)
 
 AS_PYTHON = """
 import importlib.util, sys
@@ -60,9 +62,31 @@ for name, known in TABLE_1.items():
     print(*(array.tobytes().hex() for array in motion_cone(model, contacts, normals)))
 """
 
+BELIEVING = """
+import numpy as np
+from pushfric_core import TABLE_1, FrictionModel, Observation, Twist, believe, predict
+
+known = TABLE_1["wood_rect3"]
+rng = np.random.default_rng(11)
+edges = rng.integers(4, size=8)
+contacts = known.outline.vertices[edges] + rng.uniform(0.2, 0.8, (8, 1)) * known.outline.edges[edges]
+normals = known.outline.normals[edges]
+tips = 0.005 * (0.4 * rng.normal(size=(8, 2)) - normals)
+twists = predict(FrictionModel.of(known.support, known.mu_c), contacts, normals, tips).twists
+rows = np.hstack((contacts, normals, tips, twists)).tolist()
+for seen in (False, True):
+    data = [
+        Observation((cx, cy), (nx, ny), Twist(*twist), push, tip_velocity=(vx, vy) if seen else None)
+        for push, (cx, cy, nx, ny, vx, vy, *twist) in enumerate(rows)
+    ]
+    model = believe(known.outline.grid(5, 3, known.inset), data)
+    print("believed", *(one.tobytes().hex() for one in (model.w, model.mu_c, model.covariance)))
+"""
+
 CASES = [
     (PIVOTING, SOLVING, "the solver is", "(?i)optimal", 201),
     (MOTIONS, MOVING, "predictions are", " 0 1 2\n", 6),  # all modes, for each object
+    (SLOPES, BELIEVING, "beliefs are", "believed", 2),  # of contacts and of tips
 ]
 
 

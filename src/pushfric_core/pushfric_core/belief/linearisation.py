@@ -1,8 +1,7 @@
 """How far the predicted motion of each stretch is off, and how that depends on the pressure.
 
 The prediction is the exact quasi-static model (`mechanics.quasi_static`) along the steps that were seen. Its slopes follow from
-the conditions of least dissipation by the implicit function theorem. If the tip sticks, only the turn is free; if it slides,
-all of the motion is, but the wrench keeps the direction of the cone's edge.
+the conditions of least dissipation by the implicit function theorem (`slopes`).
 """
 
 import math
@@ -10,14 +9,16 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pushfric_core.belief import slopes
 from pushfric_core.belief.constants import LEAST_RATIO, REACH, ROUNDED
-from pushfric_core.belief.stretches import Stretches, at_contacts
+from pushfric_core.belief.stretches import TINY, Stretches, at_contacts
+from pushfric_core.errors import warn_unless_compiled
 from pushfric_core.geometry.planar import Array, cross, left_of
 from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.prediction import SHARE, STICKING
 from pushfric_core.mechanics.quasi_static import Motions
 
-TINY = 1e-12
+warn_unless_compiled(slopes, "beliefs are")
 
 
 class Place(NamedTuple):
@@ -77,7 +78,7 @@ def anywhere(place: Place, data: Stretches, w: Array, mu_c: float, errors_seen: 
     moved = data._replace(contacts=aside, ways=ways)
     off = errors(place, moved, predicted(place, moved, w, mu_c)) - errors_seen
     # where the tip is not known, only turns about the contact are foretold
-    turns = _summed(data, _framed(place, data, np.zeros_like(data.ways), np.ones(len(data.ways))))
+    turns = _summed(data, _framed(place, data, np.column_stack((-left_of(data.contacts), np.ones(len(data.contacts))))))
     stuck = np.add.reduceat(data.sticks, data.begins)[:, None] > 0
     off = np.where(stuck, off[:, 2:] * turns / turns[:, 2:], off)
     return off[:, :, None] * off[:, None, :] / 3
@@ -85,8 +86,7 @@ def anywhere(place: Place, data: Stretches, w: Array, mu_c: float, errors_seen: 
 
 def motion_sizes(place: Place, data: Stretches) -> Array:
     """Sizes (k,) of the motions that were seen, as those of errors [m]."""
-    velocities, turns = at_contacts(data.contacts, data.motions), data.motions[:, 2]
-    return np.asarray(np.linalg.norm(_summed(data, _framed(place, data, velocities, turns)), axis=1))
+    return np.asarray(np.linalg.norm(_summed(data, _framed(place, data, data.motions)), axis=1))
 
 
 def linearised(place: Place, data: Stretches, w: Array, foretold: Motions) -> Linearised:
@@ -98,30 +98,13 @@ def linearised(place: Place, data: Stretches, w: Array, foretold: Motions) -> Li
         w: (n,) support friction distribution.
         foretold: the motions of the steps (`predicted`).
     """
-    velocities, turns = at_contacts(data.contacts, foretold.twists), foretold.twists[:, 2]
-    arms = place.points - data.contacts[:, None]
-    ahead, across = -arms[..., 1], arms[..., 0]  # velocity of a support per turn about the contact
-    speed_x, speed_y = velocities[:, :1] + turns[:, None] * ahead, velocities[:, 1:] + turns[:, None] * across
-    speeds = np.hypot(speed_x, speed_y)
-    rounded = np.sqrt(speeds**2 + (ROUNDED * place.arm * turns[:, None]) ** 2) + TINY
-    x, y = speed_x / rounded, speed_y / rounded
-    xx, xy, yy = (1 - x * x) / rounded, -x * y / rounded, (1 - y * y) / rounded
-    xt, yt = xx * ahead + xy * across, xy * ahead + yy * across
-    curvature = np.stack([part @ w for part in (xx, xy, xt, xy, yy, yt, xt, yt, ahead * xt + across * yt)], axis=1)
-    response = _response(place, data, curvature.reshape(-1, 3, 3), velocities, foretold)
-    wrenches = np.stack((x, y, ahead * x + across * y), axis=1)
-    moved = -np.einsum("rab,rbn->ran", response, wrenches)
-    by_w = _summed(data, _framed(place, data, moved[:, :2], moved[:, 2])) * w
-    slopes = by_w - by_w.sum(axis=2, keepdims=True) * w
-    free = w * np.maximum(1 - speeds / (REACH * place.arm * np.abs(turns[:, None]) + TINY), 0.0)
-    nothing = np.zeros_like(free)
-    of_x, of_y = np.stack((free, nothing, ahead * free), axis=1), np.stack((nothing, free, across * free), axis=1)
-    pivots = np.zeros((len(data.lengths), 3, 3))
-    for unknown in (of_x, of_y):
-        shifted = np.einsum("rab,rbn->ran", response, unknown)
-        shifted = _summed(data, _framed(place, data, shifted[:, :2], shifted[:, 2]))
-        pivots += np.einsum("kan,kbn->kab", shifted, shifted) / 2
-    return Linearised(errors(place, data, foretold), slopes, pivots)
+    (k, n), (points, middle, arm) = (len(data.lengths), len(w)), place
+    by_push, unknown = np.zeros((k, 3, n)), np.zeros((k, 3, 2 * n))
+    steps = data.contacts, data.normals, data.turns, data.stretch
+    slopes.slopes_each(points, w, middle, arm, ROUNDED * arm, REACH * arm, *steps, *foretold, by_push, unknown)
+    by_w = by_push * w
+    by_log = by_w - by_w.sum(axis=2, keepdims=True) * w
+    return Linearised(errors(place, data, foretold), by_log, unknown @ unknown.transpose(0, 2, 1) / 2)
 
 
 def predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> Motions:
@@ -132,47 +115,19 @@ def predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> Motions:
 
 
 def _off(place: Place, data: Stretches, twists: Array) -> Array:
-    velocities, seen = (at_contacts(data.contacts, each) for each in (twists, data.motions))
-    return _framed(place, data, velocities - seen, twists[:, 2] - data.motions[:, 2])
+    return _framed(place, data, twists - data.motions)
 
 
-def _framed(place: Place, data: Stretches, velocities: Array, turns: Array) -> Array:
-    """Motions given by contact velocities (r, 2, ...) and turns (r, ...), as (v at the middle, arm * turn) (r, 3, ...).
+def _framed(place: Place, data: Stretches, motions: Array) -> Array:
+    """Motions (r, 3) of the object-frame origin, as (v at the middle, arm * turn) (r, 3).
 
     The axes are those of the object half-way through the stretch.
     """
-    shape = (-1,) + (1,) * (turns.ndim - 1)
-    dx, dy = ((place.middle - data.contacts)[:, k].reshape(shape) for k in (0, 1))
-    c, s = np.cos(data.turns).reshape(shape), np.sin(data.turns).reshape(shape)
-    x, y = velocities[:, 0] - turns * dy, velocities[:, 1] + turns * dx
-    return np.stack((c * x - s * y, s * x + c * y, place.arm * turns), axis=1)
+    c, s = np.cos(data.turns), np.sin(data.turns)
+    x, y = (motions[:, :2] + motions[:, 2:] * left_of(place.middle)).T
+    return np.column_stack((c * x - s * y, s * x + c * y, place.arm * motions[:, 2]))
 
 
 def _summed(data: Stretches, values: Array) -> Array:
     """Sums (k, ...) over the steps (r, ...) of each stretch."""
     return np.asarray(np.add.reduceat(values, data.begins, axis=0))
-
-
-def _response(place: Place, data: Stretches, curvature: Array, velocities: Array, foretold: Motions) -> Array:
-    """How the motion about the contact gives way to a wrench (r, 3, 3), as (v of the contact, turn)."""
-    response, modes, forces = np.zeros(curvature.shape), foretold.modes, foretold.forces
-    sticks = modes == quasi_static.STICKING
-    pushes = np.linalg.norm(forces, axis=1) > TINY  # with all the weight at the contact, a turn about it costs nothing
-    slides = np.flatnonzero((modes == quasi_static.SLIDING) & pushes)
-    response[sticks, 2, 2] = 1 / np.maximum(curvature[sticks, 2, 2], TINY)
-    if not len(slides):
-        return response
-    scale = np.array((1.0, 1.0, 1 / place.arm))
-    edge = forces[slides] / np.linalg.norm(forces[slides], axis=1, keepdims=True)
-    bordered = np.zeros((len(slides), 4, 4))
-    bordered[:, :3, :3] = curvature[slides] * np.outer(scale, scale)
-    bordered[:, :2, 3] = bordered[:, 3, :2] = edge
-    bordered[:, range(3), range(3)] += TINY * np.trace(bordered, axis1=1, axis2=2)[:, None]
-    free = np.linalg.inv(bordered)[:, :3, :3] * np.outer(scale, scale)
-    # the tip prescribes the velocity along the normal: what a wrench changes there is made up for along the motion
-    motion = np.column_stack((velocities, foretold.twists[:, 2]))[slides]
-    normals = data.normals[slides]
-    inward = np.minimum(np.sum(velocities[slides] * normals, axis=1), -TINY)
-    along = np.einsum("rab,ra->rb", free[:, :2], normals) / inward[:, None]
-    response[slides] = free - motion[:, :, None] * along[:, None]
-    return response

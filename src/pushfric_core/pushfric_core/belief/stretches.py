@@ -15,6 +15,9 @@ from pushfric_core.belief.constants import LEAST_RATIO, LONGEST_STRETCH, SURELY_
 from pushfric_core.geometry.planar import Array, Indices, left_of
 from pushfric_core.trajectories.observation import Observation
 
+TINY = 1e-12
+"""Keeps divisions by what may vanish from being by zero."""
+
 
 class Steps(NamedTuple):
     """r steps as they were observed, object frame; in the order of pushes and stamps, whatever that of the observations."""

@@ -1,0 +1,111 @@
+"""How the motion of each step depends on the weight at each support: the inner loops of `linearisation`, compiled.
+
+If the tip sticks, only the turn about the contact is free. If it slides, the wrench keeps the direction of the cone's edge, so
+that the contact gives way across the force alone, and the object turns; the tip prescribes the contact's velocity along the
+normal, so that a change of it is made up for along the motion.
+
+`slopes.pxd` declares the types of this module (see `mechanics.least_dissipation`).
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from pushfric_core.belief.stretches import TINY
+from pushfric_core.geometry.planar import Array, Indices
+from pushfric_core.mechanics.least_dissipation import SLIDING, STICKING
+
+
+def slopes_each(
+    points: Array,
+    w: Array,
+    middle: Array,
+    arm: float,
+    rounding: float,
+    reach: float,
+    contacts: Array,
+    normals: Array,
+    turns: Array,
+    stretch: Indices,
+    twists: Array,
+    modes: npt.NDArray[np.int8],
+    forces: Array,
+    by_push: Array,
+    unknown: Array,
+) -> None:
+    """Add up, for k stretches of r steps, how n supports move the object.
+
+    Args:
+        points: (n, 2) the supports [m].
+        w: (n,) support friction distribution.
+        middle: (2,) of the supports [m].
+        arm: at which a turn counts [m].
+        rounding: Coulomb's law has a corner rounded by this much times the turn [m].
+        reach: supports nearer to the centre of rotation push partly in an unknown direction [m].
+        contacts: (r, 2) [m].
+        normals: (r, 2) unit, outward.
+        turns: (r,) of the object since the middle of its stretch [rad].
+        stretch: (r,) of each step.
+        twists: (r, 3) that are foretold.
+        modes: (r,) in which the tip meets the object.
+        forces: (r, 2) that are foretold.
+        by_push: (k, 3, n) zeros; receives the motion, as `Linearised.errors`, for each unit of weight more.
+        unknown: (k, 3, 2n) zeros; receives that by pushes along x, and along y, of what pushes in no known direction.
+    """
+    n = len(points)
+    # directions in which the supports push, and the weight that pushes in no known direction
+    pushes_x, pushes_y, open_ = np.empty(n), np.empty(n), np.empty(n)
+    gives, turned = np.empty(3), np.empty(3)  # the motion in which the contact gives way, and a turn about it
+    for r in range(len(contacts)):
+        at_x, at_y, turn, k = contacts[r, 0], contacts[r, 1], twists[r, 2], stretch[r]
+        x, y = twists[r, 0] - turn * at_y, twists[r, 1] + turn * at_x  # velocity of the contact
+        rounded, near = rounding * turn, reach * abs(turn) + TINY
+        # how the wrench of the supports changes with the motion: it is symmetrical
+        of_xx = of_xy = of_yy = of_xt = of_yt = of_tt = 0.0
+        for j in range(n):
+            ahead, across = at_y - points[j, 1], points[j, 0] - at_x  # velocity of the support per turn about the contact
+            push_x, push_y = x + turn * ahead, y + turn * across
+            square = push_x * push_x + push_y * push_y
+            slowness = 1 / (math.sqrt(square + rounded * rounded) + TINY)
+            push_x, push_y, share = push_x * slowness, push_y * slowness, w[j] * slowness
+            xx, xy, yy = share * (1 - push_x * push_x), -share * push_x * push_y, share * (1 - push_y * push_y)
+            xt, yt = xx * ahead + xy * across, xy * ahead + yy * across
+            of_xx, of_xy, of_yy = of_xx + xx, of_xy + xy, of_yy + yy
+            of_xt, of_yt, of_tt = of_xt + xt, of_yt + yt, of_tt + ahead * xt + across * yt
+            pushes_x[j], pushes_y[j] = push_x, push_y
+            open_[j] = w[j] * max(1 - math.sqrt(square) / near, 0.0)
+        # the contact gives way along (give_x, give_y) with (give_t): by a force across the tip's, and by a moment
+        give_x = give_y = give_t = aside_x = aside_y = by_force = by_both = 0.0
+        force = math.sqrt(forces[r, 0] * forces[r, 0] + forces[r, 1] * forces[r, 1])
+        if modes[r] == STICKING:
+            by_moment = 1 / max(of_tt, TINY)
+        elif modes[r] == SLIDING and force > TINY:  # with all the weight at the contact, a turn about it costs nothing
+            aside_x, aside_y = -forces[r, 1] / force, forces[r, 0] / force
+            least = TINY * (of_xx + of_yy + of_tt / (arm * arm))
+            own = of_xx * aside_x * aside_x + 2 * of_xy * aside_x * aside_y + of_yy * aside_y * aside_y + least
+            both, of_turn = of_xt * aside_x + of_yt * aside_y, of_tt + least * arm * arm
+            determinant = own * of_turn - both * both
+            by_force, by_both, by_moment = of_turn / determinant, -both / determinant, own / determinant
+            inward = min(x * normals[r, 0] + y * normals[r, 1], -TINY)
+            made_up = (aside_x * normals[r, 0] + aside_y * normals[r, 1]) / inward
+            give_x, give_y, give_t = aside_x - made_up * x, aside_y - made_up * y, -made_up * turn
+        else:
+            continue
+        # the same motion, and a turn about the contact, at the middle, in the axes of the object half-way through the stretch
+        cosine, sine, ahead, across = math.cos(turns[r]), math.sin(turns[r]), at_y - middle[1], middle[0] - at_x
+        give_x, give_y = give_x + give_t * ahead, give_y + give_t * across
+        gives[0], gives[1] = cosine * give_x - sine * give_y, sine * give_x + cosine * give_y
+        turned[0], turned[1] = cosine * ahead - sine * across, sine * ahead + cosine * across
+        gives[2], turned[2] = arm * give_t, arm
+        for j in range(n):
+            ahead, across, free = at_y - points[j, 1], points[j, 0] - at_x, open_[j]
+            push = aside_x * pushes_x[j] + aside_y * pushes_y[j]
+            moment = ahead * pushes_x[j] + across * pushes_y[j]
+            for i in range(3):
+                per_force = gives[i] * by_force + turned[i] * by_both
+                per_moment = gives[i] * by_both + turned[i] * by_moment
+                by_push[k, i, j] -= per_force * push + per_moment * moment
+                if free > 0:
+                    unknown[k, i, j] += free * (per_force * aside_x + per_moment * ahead)
+                    unknown[k, i, n + j] += free * (per_force * aside_y + per_moment * across)
