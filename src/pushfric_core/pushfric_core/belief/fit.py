@@ -271,7 +271,7 @@ def _scale(problem: Problem, errors_seen: Array, own: Array, scale: float, fitte
         of_x, of_y, of_z = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
         square = x * x * of_x + y * y * (xx * zz - xz * xz) + z * z * (xx * yy - xy * xy)
         square += 2 * (x * y * of_y + x * z * of_z + y * z * (xy * xz - xx * yz))
-        size = square / (xx * of_x + xy * of_y + xz * of_z)
+        size = np.maximum(square, 0.0) / (xx * of_x + xy * of_y + xz * of_z)  # of exact data, rounding may leave less than 0
         scale = max(scale * math.sqrt(float(np.sum((NU + problem.freedom) / (NU + size) * size)) / left), least)
     return scale
 
