@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -188,6 +188,13 @@ class Ros:
         """The result of a future, once it has one; `what` names it."""
         self.wait_for(future.done, what=what)
         return future.result()
+
+    def answer(self, ask: Callable[..., Any], *question: object, what: str):
+        """The answer to what an action client or its goal asks; `what` names it.
+
+        They are called in the thread that spins: rclpy loses an answer that comes before it has noted the question.
+        """
+        return self.result(self.result(self._executor.create_task(ask, *question), f"the question for {what}"), what)
 
     def end(self, node) -> None:
         """Stop spinning a node, once its present callbacks have ended, and destroy it."""

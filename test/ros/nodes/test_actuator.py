@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from types import SimpleNamespace
 
 import pytest
@@ -127,11 +128,11 @@ class Cell:
         """Send a goal and return its handle."""
         goal = Push.Goal(push_id=push_id, distance=distance, speed=speed, retract=retract)
         given = goal, lambda msg: self.feedback.append(msg.feedback)
-        answer = self.heartbeat.send(self._client, *given) if owner else self._client.send_goal_async(*given)
-        return self.ros.result(answer, "the answer to the goal")
+        ask = partial(self.heartbeat.send, self._client) if owner else self._client.send_goal_async
+        return self.ros.answer(ask, *given, what="the answer to the goal")
 
     def result(self, handle) -> SimpleNamespace:
-        return self.ros.result(handle.get_result_async(), "the result")
+        return self.ros.answer(handle.get_result_async, what="the result")
 
     def reset(self) -> Trigger.Response:
         return self._call(self._reset, Trigger.Request())
@@ -367,7 +368,7 @@ def test_a_goal_beyond_the_limits_or_while_another_runs_is_rejected(ros, tmp_pat
 def test_a_canceled_push_stops_and_the_next_goes_on_from_there(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller, retract=True)
-    ros.wait_for(handle.cancel_goal_async().done, what="the answer to the cancel")
+    ros.answer(handle.cancel_goal_async, what="the answer to the cancel")
     result = cell.result(handle)
     assert (result.status, result.result.outcome) == (GoalStatus.STATUS_CANCELED, Push.Result.OUTCOME_CANCELED)
     rest = controller.position()
