@@ -518,7 +518,7 @@ def test_a_controller_that_does_not_report_is_not_said_to_stand_still(peer):
 
 def test_a_jog_that_stands_still_is_held(peer):
     """On grblHAL, a door that opens at the end of a jog leaves the state Jog, for ever."""
-    pusher = under_way(peer, silence=0.2)
+    pusher = under_way(peer, silence=1.0)
     fail_and_rest(pusher, Held, "the pusher stands still at 0.0005 m", peer)
     peer.status = IDLE.replace("0.000", "0.500", 1)
     pusher.recover()
