@@ -39,12 +39,12 @@ class Linearised(NamedTuple):
 
 def errors(place: Place, data: Stretches, foretold: Motions) -> Array:
     """The errors of the motions that were foretold, as `Linearised.errors`."""
-    return _summed(data, _off(place, data, foretold.twists))
+    return _summed(data, _framed(place, data, foretold.twists - data.motions))
 
 
 def errors_per_way(place: Place, data: Stretches, foretold: Motions) -> Array:
     """How far the motion that was foretold of each step (r,) is off, as a share of the tip's way."""
-    off = np.linalg.norm(_off(place, data, foretold.twists), axis=1)
+    off = np.linalg.norm(_framed(place, data, foretold.twists - data.motions), axis=1)
     return np.asarray(off / np.maximum(np.linalg.norm(data.ways, axis=1), TINY))
 
 
@@ -112,10 +112,6 @@ def predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> Motions:
     mu_cs, samples = np.where(data.sticks, STICKING, mu_c), np.zeros(len(data.sticks), np.int64)
     rows = data.contacts, data.normals, data.ways
     return quasi_static.motions_of_rows(place.points, w[None], mu_cs, samples, *rows, lenient=True)
-
-
-def _off(place: Place, data: Stretches, twists: Array) -> Array:
-    return _framed(place, data, twists - data.motions)
 
 
 def _framed(place: Place, data: Stretches, motions: Array) -> Array:

@@ -15,7 +15,7 @@ cdef int STICKING, SLIDING
     yy=double, xt=double, yt=double, give_x=double, give_y=double, give_t=double, aside_x=double, aside_y=double,
     by_force=double, by_both=double, by_moment=double, force=double, least=double, own=double, both=double, of_turn=double,
     determinant=double, inward=double, made_up=double, cosine=double, sine=double, free=double, push=double, moment=double,
-    per_force=double, per_moment=double, pushes_x="double[::1]", pushes_y="double[::1]", open_="double[::1]",
+    per_force="double[::1]", per_moment="double[::1]", pushes_x="double[::1]", pushes_y="double[::1]", open_="double[::1]",
     gives="double[::1]", turned="double[::1]",
 )
 cpdef void slopes_each(

@@ -55,8 +55,9 @@ def slopes_each(
     """
     n = len(points)
     # directions in which the supports push, and the weight that pushes in no known direction
-    pushes_x, pushes_y, open_ = np.empty(n), np.empty(n), np.empty(n)
-    gives, turned = np.empty(3), np.empty(3)  # the motion in which the contact gives way, and a turn about it
+    pushes_x, pushes_y, open_ = np.empty((3, n))
+    # motions: in which the contact gives way, a turn about it, and by a unit of force and of moment
+    gives, turned, per_force, per_moment = np.empty((4, 3))
     for r in range(len(contacts)):
         at_x, at_y, turn, k = contacts[r, 0], contacts[r, 1], twists[r, 2], stretch[r]
         x, y = twists[r, 0] - turn * at_y, twists[r, 1] + turn * at_x  # velocity of the contact
@@ -98,14 +99,15 @@ def slopes_each(
         gives[0], gives[1] = cosine * give_x - sine * give_y, sine * give_x + cosine * give_y
         turned[0], turned[1] = cosine * ahead - sine * across, sine * ahead + cosine * across
         gives[2], turned[2] = arm * give_t, arm
+        for i in range(3):
+            per_force[i] = gives[i] * by_force + turned[i] * by_both
+            per_moment[i] = gives[i] * by_both + turned[i] * by_moment
         for j in range(n):
             ahead, across, free = at_y - points[j, 1], points[j, 0] - at_x, open_[j]
             push = aside_x * pushes_x[j] + aside_y * pushes_y[j]
             moment = ahead * pushes_x[j] + across * pushes_y[j]
             for i in range(3):
-                per_force = gives[i] * by_force + turned[i] * by_both
-                per_moment = gives[i] * by_both + turned[i] * by_moment
-                by_push[k, i, j] -= per_force * push + per_moment * moment
+                by_push[k, i, j] -= per_force[i] * push + per_moment[i] * moment
                 if free > 0:
-                    unknown[k, i, j] += free * (per_force * aside_x + per_moment * ahead)
-                    unknown[k, i, n + j] += free * (per_force * aside_y + per_moment * across)
+                    unknown[k, i, j] += free * (per_force[i] * aside_x + per_moment[i] * ahead)
+                    unknown[k, i, n + j] += free * (per_force[i] * aside_y + per_moment[i] * across)
