@@ -205,7 +205,7 @@ class Ros:
         """Stop spinning a node, once its present callbacks have ended; the test destroys it."""
         self._nodes.remove(node)
         removed = self._executor.create_task(self._executor.remove_node, node)  # in the thread that spins it
-        self.wait_for(removed.done, what="the end of the node's callbacks")
+        self.result(removed, "the end of the node's callbacks")
 
     def wait_for(self, predicate: Callable[[], object], timeout: float = 60.0, what: str = "the awaited event") -> None:
         """Wait until `predicate` holds. Fail, naming `what`, after `timeout` [s], or at once if a callback raised."""
