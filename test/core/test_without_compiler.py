@@ -10,7 +10,7 @@ import pytest
 
 PACKAGE = "pushfric_core"
 PIVOTING, MOTIONS, SLOPES = (
-    f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation", "belief.slopes")
+    f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation", "belief.inner_loops")
 )
 
 AS_PYTHON = """

@@ -159,7 +159,7 @@ def script():
     return script
 
 
-@pytest.mark.parametrize("module", ["solvers.pivoting", "mechanics.least_dissipation", "belief.slopes"])
+@pytest.mark.parametrize("module", ["solvers.pivoting", "mechanics.least_dissipation", "belief.inner_loops"])
 def test_the_set_up_compiles_the_inner_loops(module):
     assert importlib.util.find_spec(f"pushfric_core.{module}").origin.endswith(".so")
 

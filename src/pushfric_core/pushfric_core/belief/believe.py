@@ -4,7 +4,7 @@ mu_c may be bounded on one side only, so its marginal is taken on a grid instead
 """
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,7 @@ from pushfric_core.belief.fit import (
     solved,
 )
 from pushfric_core.belief.linearisation import errors_per_way, predicted
-from pushfric_core.belief.mode import PosteriorMode, finding
+from pushfric_core.belief.mode import PosteriorMode, common_misfit, finding
 from pushfric_core.belief.stretches import size_of, steps_of
 from pushfric_core.geometry.planar import Array, as_array
 from pushfric_core.mechanics.prediction import SHARE, FrictionModel, Kind
@@ -59,14 +59,9 @@ def believe(points: npt.ArrayLike, observations: Sequence[Observation]) -> Frict
         >>> believe([(-0.05, -0.02), (0.05, -0.02), (0.0, 0.02)], [one]).w.shape
         (32, 3)
     """
-    return finished(believing(points, observations))
-
-
-def believing(points: npt.ArrayLike, observations: Sequence[Observation]) -> Generator[None, None, FrictionModel | None]:
-    """As `believe`, but pauses after each step, for a program that has other things to do meanwhile."""
     supports = as_array(points)
     size = size_of(supports)
-    mode = yield from finding(supports, steps_of(observations, size), size)
+    mode = finished(finding(supports, steps_of(observations, size), size))
     return None if mode is None else drawn(mode, len(observations))
 
 
@@ -149,7 +144,8 @@ def _covariance(mode: PosteriorMode, to_center: Array) -> Array:
     sectors = to_center @ mode.changes[:, :-1].T
     after = to_center @ damped(mode.fit.rows[:, :-1], to_center.T) + _few(len(mode.changes)) * sectors @ sectors.T
     before = ((points - points.mean(axis=0)) / len(points)).T @ mode.problem.root
-    return _together(after + mode.common**2 * np.eye(2), before @ before.T + floor * np.eye(2))
+    common = common_misfit(mode.problem, mode.fit, mode.size) ** 2
+    return _together(after + common * np.eye(2), before @ before.T + floor * np.eye(2))
 
 
 def _noise(mode: PosteriorMode, to_center: Array, rng: np.random.Generator) -> Array:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pushfric_core.belief import inner_loops
 from pushfric_core.belief.constants import (
     FORCE_SPREAD,
     LEAST_SCALE,
@@ -23,7 +24,7 @@ from pushfric_core.belief.constants import (
 )
 from pushfric_core.belief.linearisation import Linearised, Place, anywhere, errors, linearised, motion_sizes, predicted
 from pushfric_core.belief.stretches import Stretches
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import Array, Indices
 from pushfric_core.geometry.support import rms_arm
 from pushfric_core.mechanics.quasi_static import Motions
 
@@ -53,7 +54,7 @@ class Problem(NamedTuple):
     data: Stretches
     root: Array  # (n, n) a root of the covariance of the log pressure before any push
     share: Array  # (k,) variance of each stretch's errors as a share of the squared scale
-    freedom: Array  # (k,) dimensions of its errors: without a tip, only the turn about the contact is one
+    freedom: Indices  # (k,) dimensions of its errors: without a tip, only the turn about the contact is one
 
     def left(self, fitted: float) -> float:
         """Degrees of freedom that so many fitted parameters leave."""
@@ -74,13 +75,8 @@ class Fit(NamedTuple):
     off: Array  # (3k + f,) errors, of unit variance
     slopes: Array  # (3k + f, n + 1) of these
     weights: Array  # (3k + f,): small for outliers
+    fitted: float  # how many parameters the pushes determine
     evidence: float
-
-    @property
-    def fitted(self) -> float:
-        """How many parameters the pushes determine."""
-        rows = self.rows
-        return float(np.sum(rows * damped(rows, rows.T).T))
 
     @property
     def rows(self) -> Array:
@@ -128,11 +124,9 @@ def root_of(matrices: Array) -> Array:
     return np.asarray(np.linalg.cholesky(matrices), dtype=float)
 
 
-def solved(matrices: Array, values: Array) -> Array:
-    """x of matrix x = values: vectors (n,), or columns (n, c), or k of either with a matrix (n, n) each."""
-    if values.ndim < matrices.ndim:
-        return np.asarray(np.linalg.solve(matrices, values[..., None])[..., 0])
-    return np.asarray(np.linalg.solve(matrices, values))
+def solved(matrix: Array, values: Array) -> Array:
+    """x of matrix x = values, a vector (n,) or columns (n, c)."""
+    return np.asarray(np.linalg.solve(matrix, values))
 
 
 def damped(rows: Array, values: Array) -> Array:
@@ -160,17 +154,19 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
         own = found.pivots + VARIES**2 * by_mu_c[:, :, None] * by_mu_c[:, None, :]
         own = own + anywhere(problem.place, problem.data, w, math.exp(log), found.errors)
         scale = _scale(problem, found.errors, own, scale, fitted)
-        roots = root_of(_covariances(problem, own, scale))
+        roots = root_of(own + (scale**2 * problem.share)[:, None, None] * np.eye(3))
         off, slopes = _whitened(problem, found, by_mu_c, roots, log)
         weights = row_weights(problem, off)
         rows = np.sqrt(weights)[:, None] * slopes
         r, n = rows.shape
         square = rows @ rows.T if r < n else rows.T @ rows
         square[np.diag_indices(len(square))] += 1
-        fitted = len(square) - float(np.trace(np.linalg.inv(square)))
+        inverse = np.linalg.inv(square)
+        fitted = len(square) - float(np.trace(inverse))
         if not left:
             break
-        step = -damped(rows, slopes.T @ (weights * off) + at)
+        slope = slopes.T @ (weights * off) + at
+        step = rows.T @ (inverse @ (rows @ slope)) - slope if r < n else -inverse @ slope
         step *= limit_of(problem, step)
         length, before = 1.0, cost(problem, off, at)
         while length > 0.5**HALVINGS:
@@ -184,7 +180,7 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
         at = there
         yield
     evidence = -cost(problem, off, at) - spread_cost(problem, roots, scale) - float(np.linalg.slogdet(square)[1]) / 2
-    return Fit(at, scale, roots, off, slopes, weights, evidence)
+    return Fit(at, scale, roots, off, slopes, weights, fitted, evidence)
 
 
 def cost(problem: Problem, off: Array, parameters: Array) -> float:
@@ -218,8 +214,9 @@ def _foretold(problem: Problem, parameters: Array, w: Array | None = None) -> Mo
 
 
 def _whitened_errors(problem: Problem, roots: Array, parameters: Array, foretold: Motions) -> Array:
-    off = solved(roots, errors(problem.place, problem.data, foretold)).reshape(-1)
-    return np.concatenate((off, _forced(problem.data, log_mu_c(parameters))))
+    off = errors(problem.place, problem.data, foretold)
+    inner_loops.whiten_each(roots, off[..., None])
+    return np.concatenate((off.reshape(-1), _forced(problem.data, log_mu_c(parameters))))
 
 
 def _forced(data: Stretches, log: float) -> Array:
@@ -253,34 +250,23 @@ def spread_cost(problem: Problem, roots: Array, scale: float) -> float:
     return float(np.sum(logs - (3 - problem.freedom) * np.log(scale * np.sqrt(problem.share))))
 
 
-def _covariances(problem: Problem, own: Array, scale: float) -> Array:
-    return np.asarray(own + (scale**2 * problem.share)[:, None, None] * np.eye(3))
-
-
 def _scale(problem: Problem, errors_seen: Array, own: Array, scale: float, fitted: float) -> float:
     """The likeliest scale [m] of errors (k, 3) that have own covariances (k, 3, 3) besides, after fitting some parameters."""
     least = LEAST_SCALE * float(np.median(problem.data.lengths))
-    x, y, z = errors_seen.T
     if math.isnan(scale):
-        scale = max(math.sqrt(float(np.median((x * x + y * y + z * z) / problem.share)) / 2.4), least)
-    left = problem.left(fitted)
-    xy, xz, yz = own[:, 0, 1], own[:, 0, 2], own[:, 1, 2]
+        scale = max(math.sqrt(float(np.median(np.sum(errors_seen**2, axis=1) / problem.share)) / 2.4), least)
+    share, freedom, left = problem.share, problem.freedom, problem.left(fitted)
     for _ in range(ROUNDS):
-        # the errors' squares by the inverse of their covariances, which is faster by its formula than by LAPACK
-        xx, yy, zz = (own[:, k, k] + scale**2 * problem.share for k in range(3))
-        of_x, of_y, of_z = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-        square = x * x * of_x + y * y * (xx * zz - xz * xz) + z * z * (xx * yy - xy * xy)
-        square += 2 * (x * y * of_y + x * z * of_z + y * z * (xy * xz - xx * yz))
-        size = np.maximum(square, 0.0) / (xx * of_x + xy * of_y + xz * of_z)  # of exact data, rounding may leave less than 0
-        scale = max(scale * math.sqrt(float(np.sum((NU + problem.freedom) / (NU + size) * size)) / left), least)
+        scale = max(inner_loops.rescaled(errors_seen, own, share, freedom, NU, left, scale), least)
     return scale
 
 
 def _whitened(problem: Problem, found: Linearised, by_mu_c: Array, roots: Array, log: float) -> tuple[Array, Array]:
     """Errors (3k + f,) of unit variance, and their slopes (3k + f, n + 1)."""
-    slopes = np.concatenate((found.slopes @ problem.root, MU_C_SPREAD * by_mu_c[..., None]), axis=2)
+    whitened = np.concatenate((found.slopes @ problem.root, MU_C_SPREAD * by_mu_c[..., None], found.errors[..., None]), axis=2)
+    inner_loops.whiten_each(roots, whitened)
+    slopes, off = whitened[..., :-1].reshape(-1, whitened.shape[2] - 1), whitened[..., -1].reshape(-1)
     forced = _forced(problem.data, log)
-    of_forces = np.zeros((len(forced), slopes.shape[2]))
+    of_forces = np.zeros((len(forced), slopes.shape[1]))
     of_forces[:, -1] = MU_C_SPREAD / FORCE_SPREAD
-    off = np.concatenate((solved(roots, found.errors).reshape(-1), forced))
-    return off, np.concatenate((solved(roots, slopes).reshape(-1, slopes.shape[2]), of_forces))
+    return np.concatenate((off, forced)), np.concatenate((slopes, of_forces))

@@ -1,7 +1,7 @@
 """How far the predicted motion of each stretch is off, and how that depends on the pressure.
 
 The prediction is the exact quasi-static model (`mechanics.quasi_static`) along the steps that were seen. Its slopes follow from
-the conditions of least dissipation by the implicit function theorem (`slopes`).
+the conditions of least dissipation by the implicit function theorem (`inner_loops`).
 """
 
 import math
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core.belief import slopes
+from pushfric_core.belief import inner_loops
 from pushfric_core.belief.constants import LEAST_RATIO, REACH, ROUNDED
 from pushfric_core.belief.stretches import TINY, Stretches, at_contacts
 from pushfric_core.errors import warn_unless_compiled
@@ -18,7 +18,7 @@ from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.prediction import SHARE, STICKING
 from pushfric_core.mechanics.quasi_static import Motions
 
-warn_unless_compiled(slopes, "beliefs are")
+warn_unless_compiled(inner_loops, "beliefs are")
 
 
 class Place(NamedTuple):
@@ -39,13 +39,15 @@ class Linearised(NamedTuple):
 
 def errors(place: Place, data: Stretches, foretold: Motions) -> Array:
     """The errors of the motions that were foretold, as `Linearised.errors`."""
-    return _summed(data, _framed(place, data, foretold.twists - data.motions))
+    return _moved(place, data, foretold.twists - data.motions)
 
 
 def errors_per_way(place: Place, data: Stretches, foretold: Motions) -> Array:
     """How far the motion that was foretold of each step (r,) is off, as a share of the tip's way."""
-    off = np.linalg.norm(_framed(place, data, foretold.twists - data.motions), axis=1)
-    return np.asarray(off / np.maximum(np.linalg.norm(data.ways, axis=1), TINY))
+    off = foretold.twists - data.motions
+    off[:, :2] += off[:, 2:] * left_of(place.middle)
+    off[:, 2] *= place.arm
+    return np.asarray(np.linalg.norm(off, axis=1) / np.maximum(np.linalg.norm(data.ways, axis=1), TINY))
 
 
 def with_bounds(place: Place, data: Stretches, w: Array) -> Stretches:
@@ -78,7 +80,7 @@ def anywhere(place: Place, data: Stretches, w: Array, mu_c: float, errors_seen: 
     moved = data._replace(contacts=aside, ways=ways)
     off = errors(place, moved, predicted(place, moved, w, mu_c)) - errors_seen
     # where the tip is not known, only turns about the contact are foretold
-    turns = _summed(data, _framed(place, data, np.column_stack((-left_of(data.contacts), np.ones(len(data.contacts))))))
+    turns = _moved(place, data, np.column_stack((-left_of(data.contacts), np.ones(len(data.contacts)))))
     stuck = np.add.reduceat(data.sticks, data.begins)[:, None] > 0
     off = np.where(stuck, off[:, 2:] * turns / turns[:, 2:], off)
     return off[:, :, None] * off[:, None, :] / 3
@@ -86,7 +88,7 @@ def anywhere(place: Place, data: Stretches, w: Array, mu_c: float, errors_seen: 
 
 def motion_sizes(place: Place, data: Stretches) -> Array:
     """Sizes (k,) of the motions that were seen, as those of errors [m]."""
-    return np.asarray(np.linalg.norm(_summed(data, _framed(place, data, data.motions)), axis=1))
+    return np.asarray(np.linalg.norm(_moved(place, data, data.motions), axis=1))
 
 
 def linearised(place: Place, data: Stretches, w: Array, foretold: Motions) -> Linearised:
@@ -101,7 +103,7 @@ def linearised(place: Place, data: Stretches, w: Array, foretold: Motions) -> Li
     (k, n), (points, middle, arm) = (len(data.lengths), len(w)), place
     by_push, unknown = np.zeros((k, 3, n)), np.zeros((k, 3, 2 * n))
     steps = data.contacts, data.normals, data.turns, data.stretch
-    slopes.slopes_each(points, w, middle, arm, ROUNDED * arm, REACH * arm, *steps, *foretold, by_push, unknown)
+    inner_loops.slopes_each(points, w, middle, arm, ROUNDED * arm, REACH * arm, *steps, *foretold, by_push, unknown)
     by_w = by_push * w
     by_log = by_w - by_w.sum(axis=2, keepdims=True) * w
     return Linearised(errors(place, data, foretold), by_log, unknown @ unknown.transpose(0, 2, 1) / 2)
@@ -114,14 +116,14 @@ def predicted(place: Place, data: Stretches, w: Array, mu_c: float) -> Motions:
     return quasi_static.motions_of_rows(place.points, w[None], mu_cs, samples, *rows, lenient=True)
 
 
-def _framed(place: Place, data: Stretches, motions: Array) -> Array:
-    """Motions (r, 3) of the object-frame origin, as (v at the middle, arm * turn) (r, 3).
+def _moved(place: Place, data: Stretches, motions: Array) -> Array:
+    """How motions (r, 3) of the object-frame origin in each step move the object in each stretch (k, 3).
 
     The axes are those of the object half-way through the stretch.
     """
-    c, s = np.cos(data.turns), np.sin(data.turns)
-    x, y = (motions[:, :2] + motions[:, 2:] * left_of(place.middle)).T
-    return np.column_stack((c * x - s * y, s * x + c * y, place.arm * motions[:, 2]))
+    moved = np.zeros((len(data.begins), 3))
+    inner_loops.sum_each(place.middle, place.arm, data.turns, data.stretch, motions, moved)
+    return moved
 
 
 def _summed(data: Stretches, values: Array) -> Array:

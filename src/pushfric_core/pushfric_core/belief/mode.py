@@ -39,14 +39,15 @@ class PosteriorMode(NamedTuple):
         """Support friction distribution (n,)."""
         return self.problem.w(self.fit.parameters)
 
-    @property
-    def common(self) -> float:
-        """Standard deviation of p_CF, along each axis, from a misfit that pushes have in common [m]."""
-        return common_misfit(self.problem, self.fit, self.size)
-
 
 def common_misfit(problem: Problem, fit: Fit, size: float) -> float:
-    """As `Mode.common`, for a support of this size [m]."""
+    """Standard deviation of p_CF, along each axis, from a misfit that pushes have in common [m].
+
+    Args:
+        problem: the pushes.
+        fit: the mode.
+        size: of the support [m].
+    """
     shared = COMMON * fit.scale / float(np.median(problem.data.lengths)) * problem.place.arm
     return math.hypot(FLOOR * size, shared)
 

@@ -1,4 +1,4 @@
-# The types with which Cython compiles slopes.py.
+# The types with which Cython compiles inner_loops.py.
 
 import cython
 from libc cimport math
@@ -25,3 +25,24 @@ cpdef void slopes_each(
     const double[:, :] twists, const int8_t[:] modes, const double[:, :] forces, double[:, :, ::1] by_push,
     double[:, :, ::1] unknown
 ) except *
+
+
+@cython.locals(r=Py_ssize_t, k=int64_t, cosine=double, sine=double, x=double, y=double)
+cpdef void sum_each(
+    const double[::1] middle, double arm, const double[:] turns, const int64_t[:] stretch, const double[:, :] motions,
+    double[:, ::1] sums
+) except *
+
+
+@cython.locals(k=Py_ssize_t, j=Py_ssize_t, x=double, y=double)
+cpdef void whiten_each(const double[:, :, :] roots, double[:, :, ::1] values) except *
+
+
+@cython.locals(
+    k=Py_ssize_t, total=double, x=double, y=double, z=double, more=double, xx=double, yy=double, zz=double, xy=double, xz=double,
+    yz=double, of_x=double, of_xy=double, of_xz=double, square=double, size=double,
+)
+cpdef double rescaled(
+    const double[:, :] errors, const double[:, :, :] own, const double[:] share, const int64_t[:] freedom, double nu,
+    double left, double scale
+) except? -1

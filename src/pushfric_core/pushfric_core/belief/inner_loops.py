@@ -1,10 +1,6 @@
-"""How the motion of each step depends on the weight at each support: the inner loops of `linearisation`, compiled.
+"""The inner loops of `linearisation` and `fit`, compiled.
 
-If the tip sticks, only the turn about the contact is free. If it slides, the wrench keeps the direction of the cone's edge, so
-that the contact gives way across the force alone, and the object turns; the tip prescribes the contact's velocity along the
-normal, so that a change of it is made up for along the motion.
-
-`slopes.pxd` declares the types of this module (see `mechanics.least_dissipation`).
+`inner_loops.pxd` declares the types of this module (see `mechanics.least_dissipation`).
 """
 
 import math
@@ -35,6 +31,10 @@ def slopes_each(
     unknown: Array,
 ) -> None:
     """Add up, for k stretches of r steps, how n supports move the object.
+
+    If the tip sticks, only the turn about the contact is free. If it slides, the wrench keeps the direction of the cone's edge,
+    so that the contact gives way across the force alone, and the object turns; the tip prescribes the contact's velocity along
+    the normal, so that a change of it is made up for along the motion.
 
     Args:
         points: (n, 2) the supports [m].
@@ -111,3 +111,54 @@ def slopes_each(
                 if free > 0:
                     unknown[k, i, j] += free * (per_force[i] * aside_x + per_moment[i] * ahead)
                     unknown[k, i, n + j] += free * (per_force[i] * aside_y + per_moment[i] * across)
+
+
+def sum_each(middle: Array, arm: float, turns: Array, stretch: Indices, motions: Array, sums: Array) -> None:
+    """Add up the motions of the steps of each stretch, in the axes of the object half-way through it.
+
+    Args:
+        middle, arm, turns, stretch: as for `slopes_each`.
+        motions: (r, 3) of the object-frame origin.
+        sums: (k, 3) zeros; receives the velocity of the middle, and the arm times the turn.
+    """
+    for r in range(len(motions)):
+        k, cosine, sine = stretch[r], math.cos(turns[r]), math.sin(turns[r])
+        x, y = motions[r, 0] - motions[r, 2] * middle[1], motions[r, 1] + motions[r, 2] * middle[0]
+        sums[k, 0] += cosine * x - sine * y
+        sums[k, 1] += sine * x + cosine * y
+        sums[k, 2] += arm * motions[r, 2]
+
+
+def whiten_each(roots: Array, values: Array) -> None:
+    """Solve, for k lower triangular roots (k, 3, 3), root x = values (k, 3, c), and put x in the values' place."""
+    for k in range(len(roots)):
+        for j in range(values.shape[2]):
+            x = values[k, 0, j] / roots[k, 0, 0]
+            y = (values[k, 1, j] - roots[k, 1, 0] * x) / roots[k, 1, 1]
+            values[k, 0, j], values[k, 1, j] = x, y
+            values[k, 2, j] = (values[k, 2, j] - roots[k, 2, 0] * x - roots[k, 2, 1] * y) / roots[k, 2, 2]
+
+
+def rescaled(errors: Array, own: Array, share: Array, freedom: Indices, nu: float, left: float, scale: float) -> float:
+    """The scale [m] of a Student distribution of errors, once more from what it was taken for.
+
+    Args:
+        errors: (k, 3) [m].
+        own: (k, 3, 3) covariances that they have besides [m^2].
+        share: (k,) variance of the errors as a share of the squared scale.
+        freedom: (k,) dimensions of the errors.
+        nu: degrees of freedom of the distribution.
+        left: degrees of freedom of all errors together.
+        scale: that was found before [m].
+    """
+    total = 0.0
+    for k in range(len(errors)):
+        x, y, z, more = errors[k, 0], errors[k, 1], errors[k, 2], scale * scale * share[k]
+        xx, yy, zz = own[k, 0, 0] + more, own[k, 1, 1] + more, own[k, 2, 2] + more
+        xy, xz, yz = own[k, 0, 1], own[k, 0, 2], own[k, 1, 2]
+        of_x, of_xy, of_xz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        square = x * x * of_x + y * y * (xx * zz - xz * xz) + z * z * (xx * yy - xy * xy)
+        square += 2 * (x * y * of_xy + x * z * of_xz + y * z * (xy * xz - xx * yz))
+        size = max(square, 0.0) / (xx * of_x + xy * of_xy + xz * of_xz)  # of exact data, rounding may leave less than 0
+        total += (nu + freedom[k]) / (nu + size) * size
+    return scale * math.sqrt(total / left)
