@@ -4,15 +4,7 @@ All solvers are peers behind `program.Program`; each is loaded when it is first 
 """
 
 from pushfric_core.errors import SolverUnavailable, installing
-from pushfric_core.geometry.planar import Array
 from pushfric_core.solvers.program import Loss, Program, Solver
-
-
-def least_weights(hessian: Array, start: Array) -> Array:
-    """The w (n,) >= 0, sum 1, of least w' H w, found fast from that of a similar H (n, n), positive definite."""
-    from pushfric_core.solvers import active_set
-
-    return active_set.least_weights(hessian, start)
 
 
 def empty_program(n: int, loss: Loss = Loss.L1, solver: Solver = Solver.SIMPLEX, with_scale: bool = False) -> Program:

@@ -1,6 +1,6 @@
-"""Small quadratic programs over the weights and hard rows, solved exactly: exchanges find which conditions are active.
+"""The w that meets hard rows and is nearest to a point, exactly: exchanges find which conditions are active.
 
-Among them is that of the optimal w of a linear program that is nearest to equal weights.
+Among them is the optimal w of a linear program that is nearest to equal weights.
 """
 
 from typing import NamedTuple
@@ -8,17 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.planar import Array, Indices
 from pushfric_core.program.constraints import ConstraintRows
 from pushfric_core.solvers.program import HARD_VIOLATION, Solution, Status, certify
 
-Indices = npt.NDArray[np.intp]
 Mask = npt.NDArray[np.bool_]
-
-RIDGE = 1e-10
-"""Makes a linear system without a unique solution regular; refinement removes its effect."""
-
-REFINEMENTS = 4
 
 PIVOTS = 30
 """Cap on the exchanges of active conditions."""
@@ -60,12 +54,11 @@ def nearest(point: Array, hard: HardRows, start: Array) -> Array | None:
 
     The conditions active at `start` (n,) are tried first. Inactive hard rows join when they are violated.
     """
-    found, identity = start, np.eye(len(start))
-    free, active = start > 0, hard.low @ start <= ZERO
+    found, free, active = start, start > 0, hard.low @ start <= ZERO
     chosen = np.flatnonzero(active)
     for _ in range(ROUNDS):
         part = HardRows(hard.equal, hard.low[chosen])
-        closer = _pivot(identity, point, part, free, active[chosen], found)
+        closer = _pivot(point, part, free, active[chosen])
         if closer is None:
             closer = _least_distance(point, part)
         if closer is None:
@@ -83,37 +76,26 @@ def nearest(point: Array, hard: HardRows, start: Array) -> Array | None:
     return found if hard.allows(found) else None
 
 
-def least_weights(hessian: Array, start: Array) -> Array:
-    """The w (n,) >= 0, sum 1, of least w' H w, for H (n, n) positive definite: from `start`, that of a similar H."""
-    hessian = hessian / float(hessian.diagonal().max())
-    none = np.zeros((0, len(start)))
-    found = _pivot(hessian, np.zeros(len(start)), HardRows(none, none), start > 0, np.zeros(0, dtype=bool), start)
-    if found is not None:
-        return found
-    # the exchanges go round in a circle, which is rare; a soft sum instead of a hard one scales the same optimum
-    from scipy.optimize import nnls
-
-    root = np.linalg.cholesky(hessian).T
-    w, _ = nnls(np.vstack((root, np.ones(len(start)))), np.append(np.zeros(len(start)), 1.0))
-    return np.asarray(w / w.sum())
-
-
-def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Mask, start: Array) -> Array | None:
+def _pivot(point: Array, hard: HardRows, free: Mask, active: Mask) -> Array | None:
     """Block principal pivoting: solve with w_j = 0 outside `free` and the low rows in `active` met; exchange what is wrong.
 
     None if the exchanges do not end.
     """
-    n, equal = len(start), len(hard.equal)
+    n, equal = len(point), len(hard.equal)
     free, active = free.copy(), active.copy()
     fewest, patience = 2 * (n + len(active)), FRUITLESS
     for _ in range(PIVOTS):
         if not free.any():
             free[:] = True
         conditions = np.concatenate((np.ones((1, n)), hard.equal, hard.low[active]))
-        x, dual = _stationary(hessian, linear, conditions, free, start)
+        # the nearest free w at which the conditions, of which the first is sum w = 1, hold
+        inverse, lacking = np.linalg.pinv(conditions[:, free], RANK), -conditions[:, free] @ point[free]
+        lacking[0] += 1
+        change = inverse @ lacking
+        dual = change @ inverse
         w = np.zeros(n)
-        w[free] = x
-        reduced = hessian @ w - linear - dual @ conditions
+        w[free] = point[free] + change
+        reduced = w - point - dual @ conditions
         multipliers = np.zeros(len(active))
         multipliers[active] = dual[1 + equal :]
         wrong = np.concatenate((np.where(free, w, reduced), np.where(active, multipliers, hard.low @ w))) < -ZERO
@@ -131,21 +113,6 @@ def _pivot(hessian: Array, linear: Array, hard: HardRows, free: Mask, active: Ma
         free ^= wrong[:n]
         active ^= wrong[n:]
     return None
-
-
-def _stationary(hessian: Array, linear: Array, conditions: Array, free: Mask, start: Array) -> tuple[Array, Array]:
-    """The free w at which the gradient is a combination of the conditions, of which the first is sum w = 1; its factors."""
-    size, rest = int(free.sum()), len(conditions)
-    matrix = np.zeros((size + rest, size + rest))
-    matrix[:size, :size] = hessian[np.ix_(free, free)]
-    matrix[size:, :size] = conditions[:, free]
-    matrix[:size, size:] = conditions[:, free].T
-    target = np.concatenate((linear[free], np.ones(1), np.zeros(rest - 1)))
-    inverse = np.linalg.inv(matrix + np.diag(np.repeat((RIDGE, -RIDGE), (size, rest))))
-    x = np.concatenate((start[free], np.zeros(rest)))
-    for _ in range(REFINEMENTS):
-        x += inverse @ (target - matrix @ x)
-    return x[:size], -x[size:]
 
 
 def _least_distance(point: Array, hard: HardRows) -> Array | None:

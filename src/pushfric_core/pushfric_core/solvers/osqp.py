@@ -8,12 +8,11 @@ A side with an infinite cost is hard: its p_k or q_k is zero.
 """
 
 import numpy as np
-import numpy.typing as npt
 import osqp
 from scipy import sparse
 
-from pushfric_core.geometry.planar import Array
-from pushfric_core.program.constraints import ConstraintRows
+from pushfric_core.geometry.planar import Array, Indices
+from pushfric_core.program.constraints import ConstraintRows, stack
 from pushfric_core.solvers.active_set import VIOLATED, hard_rows, nearest
 from pushfric_core.solvers.program import (
     HARD_VIOLATION,
@@ -38,44 +37,6 @@ SETTINGS = {
 LEAST_SQUARES_GAP = 1e-6
 """Least squares are optimal when their gap is within this of F."""
 
-SPARE = 64
-"""Initial room, as a number of rows; the room doubles whenever it is too small."""
-
-
-class RowTable:
-    """Rows of numbers, each of which belongs to a group, with room to grow."""
-
-    def __init__(self, columns: int) -> None:
-        self._room = np.empty((SPARE, columns))
-        self._groups = np.empty(SPARE, int)
-        self._count = 0
-
-    @property
-    def rows(self) -> Array:
-        """The rows (m, columns), in order of arrival; a view."""
-        return self._room[: self._count]
-
-    @property
-    def groups(self) -> npt.NDArray[np.intp]:
-        """The group (m,) of each row; a view."""
-        return self._groups[: self._count]
-
-    def append(self, rows: Array, group: int) -> None:
-        """Add rows (k, columns) of one group."""
-        first, self._count = self._count, self._count + len(rows)
-        if self._count > len(self._room):
-            self._room = np.concatenate((self._room[:first], np.empty((self._count, self._room.shape[1]))))
-            self._groups = np.concatenate((self._groups[:first], np.empty(self._count, int)))
-        self._room[first : self._count] = rows
-        self._groups[first : self._count] = group
-
-    def remove(self, group: int) -> None:
-        """Remove all rows of a group; the others keep their order."""
-        kept = self.groups != group
-        rows, groups = self.rows[kept], self.groups[kept]
-        self._count = len(rows)
-        self._room[: self._count], self._groups[: self._count] = rows, groups
-
 
 class OsqpProgram(Program):
     """Minimises F over the weights of n support points by OSQP, which is set up again for each solve.
@@ -89,31 +50,31 @@ class OsqpProgram(Program):
 
     def __init__(self, n: int, loss: Loss = Loss.L1) -> None:
         self._n, self._loss = check_size(n), loss
-        self._table = RowTable(n + 2)  # a, above, below
+        self._rows: dict[int, ConstraintRows] = {}  # of each group
         self._groups = Groups()
         self._w = np.full(n, 1 / n)
         self._conflicts: list[int] = []
 
     def add(self, rows: ConstraintRows) -> None:
         check_rows(rows, self._n)
-        self._table.append(np.column_stack(rows), self._groups.next)
+        self._rows[self._groups.next] = ConstraintRows(*map(np.array, rows))
         self._groups.add()
 
     def remove(self, group: int) -> None:
         self._groups.remove(group)
-        self._table.remove(group)
+        del self._rows[group]
 
     def solve(self) -> Optimum:
         """The w that OSQP finds, and how far it may be from the optimum: with the loss l1, usually UNCERTIFIED."""
-        n, table = self._n, self._table.rows
-        rows = ConstraintRows(table[:, :n], table[:, n], table[:, n + 1])
+        rows = stack([*self._rows.values()], self._n)
         w, y = _solve(rows, self._loss, self._w)
         hard, origin = hard_rows(rows)
         met = nearest(w, hard, w)
         self._conflicts = []
         if met is None:
             self._w, status, at_fault = _least_violation(rows, hard.stacked, origin)
-            self._conflicts = [int(group) for group in np.unique(self._table.groups[at_fault])]
+            groups = np.repeat([*self._rows], [len(one.above) for one in self._rows.values()])
+            self._conflicts = np.unique(groups[at_fault]).tolist()
             objective = _objective(rows, self._w, self._loss)
             return Optimum(self._w, 0.0, objective, 0.0, objective, status)
         self._w = met
@@ -195,9 +156,7 @@ def _judge(rows: ConstraintRows, w: Array, multipliers: Array) -> Optimum:
     return Optimum(w, 0.0, objective, lower_bound, gap, Status.OPTIMAL if optimal else Status.UNCERTIFIED)
 
 
-def _least_violation(
-    rows: ConstraintRows, hard: Array, origin: npt.NDArray[np.intp]
-) -> tuple[Array, Status, npt.NDArray[np.intp]]:
+def _least_violation(rows: ConstraintRows, hard: Array, origin: Indices) -> tuple[Array, Status, Indices]:
     """The w that violates the hard rows least, in squares; INFEASIBLE, and the rows at fault, if no w meets them.
 
     Weighted with their violations, the rows at fault add up to a row that every w violates (Farkas).
