@@ -106,6 +106,9 @@ def test_the_object_of_the_tutorial(tmp_path, monkeypatch):
 
 
 def test_the_rendered_camera_follows_a_real_tip(cell):
+    content = json.loads(cell.read_text())
+    content["plan"]["speed"] = 0.008  # [m/s]: in real time, a busy machine sees a slow push often enough
+    cell.write_text(json.dumps(content))
     with SimulatedGrbl(time.monotonic, restarts=False) as controller:
         (cell.parent / "tty").symlink_to(controller.port)
         seen = all_was_seen(run(cell, "--simulated-camera"))

@@ -546,7 +546,12 @@ at("map").addEventListener("pointermove", (event) => {
   const [x, y] = onTable(event), [x0, y0, theta] = held.pose;
   lay(held.turns ? [x0, y0, Math.atan2(y - y0, x - x0)] : [x - held.grip[0], y - held.grip[1], theta]);
 });
-for (const kind of ["pointerup", "pointercancel"]) at("map").addEventListener(kind, () => { held = null; });
+for (const kind of ["pointerup", "pointercancel"]) {
+  at("map").addEventListener(kind, () => {
+    held = null;
+    redraw(); // the map takes its new size now, not when the next pointer is about to take hold
+  });
+}
 at("map").addEventListener("keydown", (event) => {
   const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
   if (!way || !isLaid()) return;
