@@ -102,7 +102,8 @@ def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
             page.mouse.down()
             page.mouse.move(*to, steps=3)
             page.mouse.up()
-            page.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")  # in its new size
+            # in its new size
+            page.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
 
         drag(".outline", middle(".ghost"))
         expect(place).to_have_text(re.compile(r"outline: [0-2] mm, turn ↺ 29° to go"))

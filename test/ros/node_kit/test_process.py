@@ -89,11 +89,11 @@ def test_a_process_that_hangs_at_its_end_is_ended(hangs, limit, number):
     assert run(HANGS.format(hangs=hangs, limit=limit)).returncode == -number
 
 
-HANGS_IN_A_CALLBACK = """
+HANGS_WHILE_IT_RUNS = """
 class Hanging(Node):
     def __init__(self):
         super().__init__("node")
-        self.create_timer(1.5, self.hang)
+        WHEN
 
     def hang(self):
         print("hangs", flush=True)
@@ -104,10 +104,11 @@ process.run_node(Hanging)
 """
 
 
+@pytest.mark.parametrize("when", ["self.hang()", "self.create_timer(1.5, self.hang)"])
 @pytest.mark.parametrize("how", ["ctypes.PyDLL(None).sleep(600)", "while True: pass"])
-def test_a_node_that_hangs_dies_whoever_started_it(how):
-    """This holds for compiled code that lets no other Python run, too."""
-    ended = run(HANGS_IN_A_CALLBACK.replace("HOW", how))
+def test_a_node_that_hangs_dies_whoever_started_it(how, when):
+    """This holds while it is made, and for compiled code that lets no other Python run, too."""
+    ended = run(HANGS_WHILE_IT_RUNS.replace("HOW", how).replace("WHEN", when))
     assert (ended.returncode, ended.stdout) == (-signal.SIGALRM, "hangs\n")
 
 

@@ -403,7 +403,7 @@ def test_a_door_that_opens_while_a_canceled_push_brakes_asks_a_person(ros, contr
     cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller)
     controller._cancel_jog = controller._open_door
-    handle.cancel_goal_async()
+    ros.answer(handle.cancel_goal_async, what="the answer to the cancel")
     assert cell.result(handle).status == GoalStatus.STATUS_CANCELED
     cell.wait_for_mode(PusherState.MODE_ALARM)
     assert cell.states[-1].in_doubt

@@ -39,7 +39,8 @@ WINDING_UP, LAST_WORDS = 5.0, 0.1
 """How long a node may take to wind up, and its last messages to leave [s]; `ros2 launch` kills a node after 10 s."""
 
 HUNG = 60
-"""A node whose executor has not turned for this long [s] has hung: the kernel ends its process by SIGALRM.
+"""A node that takes this long [s] to be made, or whose executor has not turned for so long, has hung: the kernel ends its
+process by SIGALRM.
 
 So the process that started the node sees it die. A watching thread, which could hang as well, is not needed. A stopped process
 is ended when it goes on.
@@ -97,6 +98,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
+    turn()  # a node may hang while it is made, too
     node = executor = None
     code = 0
     name = contextlib.ExitStack()
