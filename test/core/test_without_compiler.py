@@ -9,7 +9,7 @@ import sys
 import pytest
 
 PACKAGE = "pushfric_core"
-PIVOTING, MOTIONS, SLOPES = (
+PIVOTING, MOTIONS, BELIEFS = (
     f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation", "belief.inner_loops")
 )
 
@@ -86,7 +86,7 @@ for seen in (False, True):
 CASES = [
     (PIVOTING, SOLVING, "the solver is", "(?i)optimal", 201),
     (MOTIONS, MOVING, "predictions are", " 0 1 2\n", 6),  # all modes, for each object
-    (SLOPES, BELIEVING, "beliefs are", "believed", 2),  # of contacts and of tips
+    (BELIEFS, BELIEVING, "beliefs are", "believed", 2),  # of contacts and of tips
 ]
 
 

@@ -89,7 +89,7 @@ def test_a_process_that_hangs_at_its_end_is_ended(hangs, limit, number):
     assert run(HANGS.format(hangs=hangs, limit=limit)).returncode == -number
 
 
-HANGS_WHILE_IT_RUNS = """
+HANGS_BEFORE_ITS_END = """
 class Hanging(Node):
     def __init__(self):
         super().__init__("node")
@@ -108,7 +108,7 @@ process.run_node(Hanging)
 @pytest.mark.parametrize("how", ["ctypes.PyDLL(None).sleep(600)", "while True: pass"])
 def test_a_node_that_hangs_dies_whoever_started_it(how, when):
     """This holds while it is made, and for compiled code that lets no other Python run, too."""
-    ended = run(HANGS_WHILE_IT_RUNS.replace("HOW", how).replace("WHEN", when))
+    ended = run(HANGS_BEFORE_ITS_END.replace("HOW", how).replace("WHEN", when))
     assert (ended.returncode, ended.stdout) == (-signal.SIGALRM, "hangs\n")
 
 

@@ -129,12 +129,20 @@ def solved(matrix: Array, values: Array) -> Array:
     return np.asarray(np.linalg.solve(matrix, values))
 
 
-def damped(rows: Array, values: Array) -> Array:
-    """x (n, ...) of (rows' rows + 1) x = values, with r rows (r, n): by the smaller of the two systems."""
+def smaller(rows: Array) -> Array:
+    """The smaller of rows' rows + 1 and rows rows' + 1, with r rows (r, n)."""
     r, n = rows.shape
-    if r >= n:
-        return solved(rows.T @ rows + np.eye(n), values)
-    return values - rows.T @ solved(rows @ rows.T + np.eye(r), rows @ values)
+    square = rows @ rows.T if r < n else rows.T @ rows
+    square[np.diag_indices(len(square))] += 1
+    return np.asarray(square)
+
+
+def damped(rows: Array, values: Array, square: Array | None = None) -> Array:
+    """x (n, ...) of (rows' rows + 1) x = values, with r rows (r, n), by `smaller`, which may be known already."""
+    square = smaller(rows) if square is None else square
+    if len(square) == rows.shape[1]:
+        return solved(square, values)
+    return values - rows.T @ solved(square, rows @ values)
 
 
 def limit_of(problem: Problem, step: Array) -> float:
@@ -158,15 +166,11 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
         off, slopes = _whitened(problem, found, by_mu_c, roots, log)
         weights = row_weights(problem, off)
         rows = np.sqrt(weights)[:, None] * slopes
-        r, n = rows.shape
-        square = rows @ rows.T if r < n else rows.T @ rows
-        square[np.diag_indices(len(square))] += 1
-        inverse = np.linalg.inv(square)
-        fitted = len(square) - float(np.trace(inverse))
+        square = smaller(rows)
+        fitted = len(square) - float(np.trace(np.linalg.inv(square)))
         if not left:
             break
-        slope = slopes.T @ (weights * off) + at
-        step = rows.T @ (inverse @ (rows @ slope)) - slope if r < n else -inverse @ slope
+        step = -damped(rows, slopes.T @ (weights * off) + at, square)
         step *= limit_of(problem, step)
         length, before = 1.0, cost(problem, off, at)
         while length > 0.5**HALVINGS:

@@ -45,9 +45,8 @@ def errors(place: Place, data: Stretches, foretold: Motions) -> Array:
 def errors_per_way(place: Place, data: Stretches, foretold: Motions) -> Array:
     """How far the motion that was foretold of each step (r,) is off, as a share of the tip's way."""
     off = foretold.twists - data.motions
-    off[:, :2] += off[:, 2:] * left_of(place.middle)
-    off[:, 2] *= place.arm
-    return np.asarray(np.linalg.norm(off, axis=1) / np.maximum(np.linalg.norm(data.ways, axis=1), TINY))
+    sizes = np.linalg.norm(np.column_stack((at_contacts(place.middle, off), place.arm * off[:, 2])), axis=1)
+    return np.asarray(sizes / np.maximum(np.linalg.norm(data.ways, axis=1), TINY))
 
 
 def with_bounds(place: Place, data: Stretches, w: Array) -> Stretches:
