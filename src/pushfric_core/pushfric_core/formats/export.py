@@ -5,8 +5,7 @@ import math
 from collections.abc import Callable
 
 from pushfric_core.formats.body import CLEARANCE, GRAVITY, HEIGHT, PUSHER_RADIUS, ExportedBody, load_of
-from pushfric_core.formats.mjcf import mjcf
-from pushfric_core.formats.sdf import sdf
+from pushfric_core.formats.simulators import mjcf, sdf
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.mechanics.limit_surface import named_ellipsoid
 from pushfric_core.mechanics.prediction import FrictionModel
