@@ -46,12 +46,11 @@ from pushfric_core.files.yaml_text import load_yaml, with_values
 from pushfric_core.offline.estimation import Choices
 from pushfric_core.offline.many import RESULTS, estimate_many, write_table
 from pushfric_core.page.drawn_object import DrawnObject
-from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import parse_status
 from pushfric_core.pushers.position_memory import PositionMemory
 from pushfric_core.pushers.pusher import PusherError
+from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.pushers.serial_pusher import SerialPusher
-from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.records import to_json
 from pushfric_core.simulated.serial_controller import pseudo_terminal
 from pushfric_core.trajectories.observations import Observations
@@ -238,7 +237,7 @@ def _converse(data: bytes, _: pathlib.Path) -> None:
     """Whatever a controller says, the driver only looks."""
     ours, theirs, port = pseudo_terminal()
     try:
-        with contextlib.closing(SerialPusher(SerialSettings(port), Grbl(), only_look=True)) as driver:
+        with contextlib.closing(SerialPusher(GrblConfig(port), only_look=True)) as driver:
             driver.connect()
             for begin in range(0, min(len(data), LONGEST_CONVERSATION), 40):
                 os.write(ours, data[begin : begin + 40])

@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import pytest
 
-from pushfric_core.pushers.dialect import Dialect
 from pushfric_core.pushers.pusher import Mode, NotConnected, PusherError
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
@@ -24,7 +23,7 @@ LATE = 1e-3
 class LineStage:
     """A controller that goes on running whoever connects and leaves, behind a line that can fail."""
 
-    dialect: type[Dialect]
+    config: type[SerialSettings]
     patience: ClassVar[dict[str, Any]] = {"silence": 10.0}
     """Settings for a busy machine, on which a pseudo-terminal may deliver nothing for 2 s."""
 
@@ -33,7 +32,7 @@ class LineStage:
 
     def driver(self, home: bool = False, only_look: bool = False, **settings: Any) -> Any:
         """A driver that is connected and ready."""
-        pusher = SerialPusher(SerialSettings(self.line.port, **self.patience | settings), self.dialect(), home, only_look)
+        pusher = SerialPusher(self.config(self.line.port, **self.patience | settings), home, only_look)
         pusher.connect()
         self.drive(pusher, lambda: not pusher.busy)
         return pusher

@@ -11,14 +11,13 @@ from calls import wait_until
 from line_stage import DEAD_MAN, SPEED, LineStage
 from marlin_firmware import SimulatedMarlin
 
-from examples.marlin import Marlin
+from examples.marlin import MarlinConfig
 from pushfric_core.pushers.pusher import (
     Halted,
     NotConnected,
     NotReady,
 )
 from pushfric_core.pushers.serial_pusher import SerialPusher
-from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.pushers.stroke import Plausibility, Stroke
 from pushfric_core.simulated.faulty_line import FaultyLine, once
 
@@ -31,7 +30,7 @@ ROUNDED = 5e-6
 class Stage(LineStage):
     """A Marlin controller on a line that can fail; the stage hears what is sent."""
 
-    dialect = Marlin
+    config = MarlinConfig
     patience: ClassVar = {"silence": 10.0, "connect_timeout": 20.0}
 
     def __init__(self, controller: SimulatedMarlin, line: FaultyLine) -> None:
@@ -115,7 +114,7 @@ def test_a_halted_firmware_says_so(stage: Stage) -> None:
         stage.under_way(pusher)
         stage.controller.kill("Heating Failed, system stopped! Heater_ID: 0")
         stage.fails(pusher, Halted, "switch the controller off and on")
-    with contextlib.closing(SerialPusher(SerialSettings(stage.line.port, connect_timeout=0.5), Marlin())) as pusher:
+    with contextlib.closing(SerialPusher(MarlinConfig(stage.line.port, connect_timeout=0.5))) as pusher:
         pusher.connect()
         stage.fails(pusher, NotConnected, "no Marlin controller answers .*; if it was halted")
 
@@ -151,6 +150,6 @@ def test_a_stop_while_it_homes_halts_the_firmware(stage: Stage) -> None:
         pusher.recover()
         stage.drive(pusher, lambda: stage.controller.position() < 0.04)
     assert 0 < stage.rest() < 0.04
-    with contextlib.closing(SerialPusher(SerialSettings(stage.line.port, connect_timeout=0.5), Marlin())) as pusher:
+    with contextlib.closing(SerialPusher(MarlinConfig(stage.line.port, connect_timeout=0.5))) as pusher:
         pusher.connect()
         stage.fails(pusher, NotConnected, "if it was halted")

@@ -9,12 +9,11 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from pushfric_core.pushers.axis_reports import StatusReport
-from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
 from pushfric_core.pushers.pusher import Halted, Held, Limits, Mode, NotConnected, NotReady, PusherReport, Timeout
+from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.pushers.serial_line import Refused
 from pushfric_core.pushers.serial_pusher import SerialPusher
-from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.simulated.serial_controller import pseudo_terminal
 
 GREETING = "\r\nGrbl 1.1h ['$' for help]\r\n"
@@ -121,7 +120,7 @@ def report_now(pusher: SerialPusher, peer: Peer, stamp: int = 5) -> PusherReport
 
 
 def driver(port: str, home: bool = False, only_look: bool = False, **settings) -> SerialPusher:
-    return SerialPusher(SerialSettings(port, **settings), Grbl(), home, only_look)
+    return SerialPusher(GrblConfig(port, **settings), home, only_look)
 
 
 def connect(peer: Peer, greet: str = GREETING, **kwargs) -> SerialPusher:

@@ -17,7 +17,6 @@ from line_stage import ACCELERATION, DEAD_MAN, LATE, SPEED, LineStage
 
 from pushfric_core.pushers.clock import suspended
 from pushfric_core.pushers.driver import Phase
-from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.pusher import (
     Jumped,
     LeftTheWay,
@@ -30,6 +29,7 @@ from pushfric_core.pushers.pusher import (
     Timeout,
     TooFast,
 )
+from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.stroke import Plausibility, Stroke, unevenness
 from pushfric_core.simulated.faulty_line import FaultyLine, nothing, once
@@ -45,7 +45,7 @@ USUAL = 0.15
 class Stage(LineStage):
     """A GRBL controller on a line that can fail."""
 
-    dialect = Grbl
+    config = GrblConfig
 
     def listen(self) -> bytearray:
         """All that is sent from now on."""
@@ -265,11 +265,10 @@ def test_the_pieces_end_at_the_target_and_are_never_far_ahead(acceleration, star
 
 CHILD = """
 import sys, time
-from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.driver import Phase
 from pushfric_core.pushers.serial_pusher import SerialPusher
-from pushfric_core.pushers.serial_settings import SerialSettings
-pusher = SerialPusher(SerialSettings(sys.argv[1], silence=0.8), Grbl())
+from pushfric_core.pushers.serial_config import GrblConfig
+pusher = SerialPusher(GrblConfig(sys.argv[1], silence=0.8))
 pusher.connect()
 while pusher.busy:
     pusher.poll()

@@ -18,7 +18,6 @@ from pushfric_core.commands import dependencies
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.pushers import serial_checks
-from pushfric_core.pushers.grbl import Grbl
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig
 from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.settings import plain
@@ -408,7 +407,7 @@ def test_a_controller_must_be_at_rest_within_the_stroke(mode, position, home, le
     ],
 )
 def test_the_cell_must_stay_within_what_the_controller_is_set_to(limits, axis, level, words):
-    check = serial_checks.check_limits(GrblConfig("none", axis=axis), Grbl(), pusher(), 0.05, 0.02, limits)
+    check = serial_checks.check_limits(GrblConfig("none", axis=axis), pusher(), 0.05, 0.02, limits)
     assert check.level is level
     assert words in check.finding + check.advice
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pushfric_core.pushers.pusher import Jumped, LeftTheWay, Mode, PusherError, PusherReport
-from pushfric_core.pushers.serial_settings import AXES
 from pushfric_core.pushers.stroke import Plausibility, Stroke
 
+AXES = "XYZABC"
 STILL = 0.05  # another axis that is reported farther from its place than this has moved [mm]
 IMPOSSIBLE_FEED = 1.5  # times the controller's greatest speed
 UNKNOWN_SPEED = 1.0  # greatest speed of a controller that does not say [m/s]

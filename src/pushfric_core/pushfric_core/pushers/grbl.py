@@ -6,7 +6,7 @@ override changes a jog, and a feed hold cancels it.
 
 import math
 
-from pushfric_core.pushers.axis_reports import MM, MM_PER_MINUTE, STATE_MODES
+from pushfric_core.pushers.axis_reports import AXES, MM, MM_PER_MINUTE, STATE_MODES
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.dialect import Dialect, Event, Settings, number
 from pushfric_core.pushers.driver import Script
@@ -14,7 +14,6 @@ from pushfric_core.pushers.grbl_protocol import ALARMS, RealTime, decode, work_o
 from pushfric_core.pushers.pusher import Halted, Held, Limits, Mode, NotConnected, Timeout
 from pushfric_core.pushers.serial_line import Refused
 from pushfric_core.pushers.serial_pusher import ASKED_FOR_TWO_ALIKE, SerialPusher
-from pushfric_core.pushers.serial_settings import AXES
 
 RESET_AGAIN = 1.0  # [s]
 RESET_PATIENCE = 6.0  # a greeting after a reset may take this long [s]

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 
 from serial.tools.list_ports import comports
 
-from pushfric_core.pushers.dialect import Dialect
 from pushfric_core.pushers.pusher import Check, Grade, Limits, Mode, PusherConfig, PusherError, drive
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_settings import SerialSettings
@@ -19,12 +18,11 @@ ROUNDING = 1e-4
 """Tolerance of the pusher's positions [m]."""
 
 
-def examine(serial: SerialSettings, dialect: Dialect, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
+def examine(serial: SerialSettings, config: PusherConfig, distance: float, speed: float) -> Iterator[Check]:
     """The checks, one after the other; a check whose premise failed is left out.
 
     Args:
         serial: the controller's port and axis.
-        dialect: of the controller.
         config: the stage.
         distance: of the planned pushes [m].
         speed: of the planned pushes [m/s].
@@ -32,10 +30,10 @@ def examine(serial: SerialSettings, dialect: Dialect, config: PusherConfig, dist
     port = check_port(serial.port)
     yield port
     if port.level is not Grade.FAILED:
-        controller, limits = check_controller(serial, dialect, config)
+        controller, limits = check_controller(serial, config)
         yield controller
         if limits is not None:
-            yield check_limits(serial, dialect, config, distance, speed, limits)
+            yield check_limits(serial, config, distance, speed, limits)
 
 
 def check_port(path: str) -> Check:
@@ -53,15 +51,15 @@ def check_port(path: str) -> Check:
     return Check("port", Grade.OK, path)
 
 
-def check_controller(serial: SerialSettings, dialect: Dialect, config: PusherConfig) -> tuple[Check, Limits | None]:
+def check_controller(serial: SerialSettings, config: PusherConfig) -> tuple[Check, Limits | None]:
     """Who answers at the port, without doing anything to it; and its limits, if it is a controller at rest."""
-    pusher = SerialPusher(serial, dialect, only_look=True)
+    pusher = SerialPusher(serial, only_look=True)
     with contextlib.closing(pusher):
         try:
             pusher.connect()
             last = drive(pusher)
         except PusherError as error:
-            advice = f"{dialect.sign_of_life}; docs/hardware.md lists what can go wrong"
+            advice = f"{serial.dialect().sign_of_life}; docs/hardware.md lists what can go wrong"
             return Check("controller", Grade.FAILED, str(error), advice), None
         position = last.position if last is not None else math.nan
         finding = f"{pusher.name}, {pusher.mode.value}" + (f", at {1e3 * position:.1f} mm" if not config.home else "")
@@ -87,11 +85,9 @@ def judge(mode: Mode, position: float, finding: str, config: PusherConfig) -> Ch
     return Check("controller", Grade.OK, finding)
 
 
-def check_limits(
-    serial: SerialSettings, dialect: Dialect, config: PusherConfig, distance: float, speed: float, limits: Limits
-) -> Check:
+def check_limits(serial: SerialSettings, config: PusherConfig, distance: float, speed: float, limits: Limits) -> Check:
     """Compare the controller's settings with what the cell's file asks of it."""
-    travel_setting, speed_setting, acceleration_setting, _ = dialect.settings_of(serial.axis[-1])
+    travel_setting, speed_setting, acceleration_setting, _ = serial.dialect().settings_of(serial.axis[-1])
     travel = f"travel {1e3 * limits.travel:g} mm" if math.isfinite(limits.travel) else "travel neither enforced nor known"
     finding = f"{travel}, {1e3 * limits.max_speed:g} mm/s, {1e3 * limits.acceleration:g} mm/s^2"
     if config.stroke > limits.travel + ROUNDING:

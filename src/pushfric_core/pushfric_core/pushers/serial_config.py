@@ -1,30 +1,22 @@
 """Opens a pusher behind a controller on a serial port: entry points of the group `pushfric.pushers`."""
 
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
 
 from pushfric_core.pushers.dialect import Dialect
 from pushfric_core.pushers.pusher import Check, Pusher, PusherConfig
 from pushfric_core.pushers.serial_settings import SerialSettings
 
 
-class SerialConfig(SerialSettings, ABC):
+class SerialConfig(SerialSettings):
     """The port of the controller and the axis of the stage, as a driver."""
-
-    firmware: ClassVar[str]
-
-    @abstractmethod
-    def dialect(self) -> Dialect:
-        """The firmware's protocol."""
 
     def open_pusher(self, config: PusherConfig) -> Pusher:
         """The driver; nothing is opened yet."""
         from pushfric_core.pushers.serial_pusher import SerialPusher
 
-        return SerialPusher(self, self.dialect(), config.home)
+        return SerialPusher(self, config.home)
 
     def absence(self) -> str | None:
         """Why there can be no controller; None if there may be one."""
@@ -35,7 +27,7 @@ class SerialConfig(SerialSettings, ABC):
         """Port, controller and its limits, for the doctor; see PusherDriver."""
         from pushfric_core.pushers.serial_checks import examine
 
-        return examine(self, self.dialect(), config, distance, speed)
+        return examine(self, config, distance, speed)
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from functools import partial
 
-from pushfric_core.pushers.axis_reports import MM, MM_PER_MINUTE, STATE_MODES, AxisReports, StatusReport, moves
+from pushfric_core.pushers.axis_reports import AXES, MM, MM_PER_MINUTE, STATE_MODES, AxisReports, StatusReport, moves
 from pushfric_core.pushers.clock import clock
-from pushfric_core.pushers.dialect import Alarmed, Answer, Dialect, Event, Garbled, Greeting, HeldBy, Values, Version, number
+from pushfric_core.pushers.dialect import Alarmed, Answer, Event, Garbled, Greeting, HeldBy, Values, Version, number
 from pushfric_core.pushers.driver import STOPPING, Driver, Phase, Role, Script
 from pushfric_core.pushers.pusher import Held, Limits, Mode, NotConnected, NotReady, PusherConfig, PusherReport, Timeout
 from pushfric_core.pushers.serial_line import WIPED, Refused, SerialLine, identity_of
-from pushfric_core.pushers.serial_settings import AXES, SerialSettings
+from pushfric_core.pushers.serial_settings import SerialSettings
 from pushfric_core.pushers.states import Homing, State
 from pushfric_core.pushers.stroke import Stroke
 
@@ -45,25 +45,22 @@ class SerialPusher(Driver):
     public names that `Pusher` does not have are for the scripts of dialects.
     """
 
-    def __init__(
-        self, settings: SerialSettings, dialect: Dialect, home: bool = PusherConfig.home, only_look: bool = False
-    ) -> None:
+    def __init__(self, config: SerialSettings, home: bool = PusherConfig.home, only_look: bool = False) -> None:
         """Nothing is opened yet.
 
         Args:
-            settings: of the port and of the axis.
-            dialect: of the controller.
+            config: of the port and of the axis.
             home: `recover` seeks the home switch; otherwise it unlocks an alarm.
             only_look: never move, hold or reset the controller, and send it no line while it moves.
         """
-        self.serial, self._dialect = settings, dialect
-        self.line = SerialLine(settings.port, settings.baud, dialect.in_order)
-        self.axis = AxisReports(settings.axis, settings.real_time_factor, self._blame)
+        self.serial, self._dialect = config, config.dialect()
+        self.line = SerialLine(config.port, config.baud, self._dialect.in_order)
+        self.axis = AxisReports(config.axis, config.real_time_factor, self._blame)
         self.restarted = False
         """The controller did so by itself, in the last connection."""
         super().__init__(
-            settings.silence,
-            max(SILENCE, settings.silence) + dialect.deaf_after_stop,
+            config.silence,
+            max(SILENCE, config.silence) + self._dialect.deaf_after_stop,
             Homing.HOMES if home else Homing.UNLOCKS,
             Role.LOOKS if only_look else Role.DRIVES,
         )

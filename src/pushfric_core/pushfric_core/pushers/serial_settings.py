@@ -1,16 +1,20 @@
 """The settings of the drivers of a controller on a serial port."""
 
 import re
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
+from pushfric_core.pushers.axis_reports import AXES
+from pushfric_core.pushers.dialect import Dialect
 from pushfric_core.settings import REQUIRED, check_ranges, setting
-
-AXES = "XYZABC"
 
 
 @dataclass(frozen=True)
-class SerialSettings:
-    """The port of the controller, the axis of the stage, and how long to wait for what."""
+class SerialSettings(ABC):
+    """The port of the controller and its firmware, the axis of the stage, and how long to wait for what."""
+
+    firmware: ClassVar[str]
 
     port: str = setting(REQUIRED, "serial port of the controller", names="the serial port of the controller")
     baud: int = setting(115200, "baud rate of the serial port [bit/s]", 300, 4_000_000)
@@ -28,3 +32,7 @@ class SerialSettings:
         check_ranges(self)
         if re.fullmatch(f"-?[{AXES}]", self.axis) is None:
             raise ValueError(f"axis must be X, Y, Z, A, B or C, or one of them with a minus sign, got {self.axis!r}")
+
+    @abstractmethod
+    def dialect(self) -> Dialect:
+        """The firmware's protocol."""

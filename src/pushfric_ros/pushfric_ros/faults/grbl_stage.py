@@ -10,12 +10,12 @@ import time
 from dataclasses import replace
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.pushers.grbl import INCH, Grbl
+from pushfric_core.pushers.axis_reports import AXES
+from pushfric_core.pushers.grbl import INCH
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.pushers.serial_pusher import SerialPusher
-from pushfric_core.pushers.serial_settings import AXES
 from pushfric_core.settings import plain
 from pushfric_core.simulated.faulty_line import FaultyLine
 from pushfric_core.vision.camera import Camera, save_camera
@@ -121,7 +121,7 @@ class GrblStage(Stage):
         return {line: comparable(self.ask(line)) for line in ("$$", "$#", "$G")}
 
     def _pusher(self, look: bool) -> SerialPusher:
-        return SerialPusher(replace(self.grbl, port=self.line.port), Grbl(), only_look=look)
+        return SerialPusher(replace(self.grbl, port=self.line.port), only_look=look)
 
     def config(self) -> tuple[PusherConfig, GrblConfig]:
         """As of any stage; the actuator is on the line's other end."""

@@ -14,7 +14,7 @@ from geometry_msgs.msg import WrenchStamped
 from std_msgs.msg import Bool
 
 from pushfric_core.cell.node_settings import PlanConfig
-from pushfric_core.pushers.grbl import RESET_PATIENCE, Grbl
+from pushfric_core.pushers.grbl import RESET_PATIENCE
 from pushfric_core.pushers.pusher import Grade
 from pushfric_core.pushers.serial_checks import check_controller
 from pushfric_core.pushers.serial_pusher import SILENCE
@@ -356,7 +356,7 @@ def hostile_settings(stage: GrblStage) -> None:
         if key.decode() not in listed:  # FluidNC keeps some of them elsewhere
             continue
         stage.line.damage(to_host=in_lines(key, value))
-        check, limits = check_controller(driver, Grbl(), config)
+        check, limits = check_controller(driver, config)
         refused = check.level is Grade.FAILED and limits is None and "\n" not in check.finding and len(check.finding) <= 300
         demand(refused, f"{key.decode()}{value[:10].decode()} was answered with {check.finding[:100]!r}")
     stage.heal()
@@ -369,7 +369,7 @@ def looked_at(stage: GrblStage) -> None:
     """Run the doctor while the controller moves: it must send only questions, and say that the controller moves."""
     passed = moved_alone(stage)
     config, driver = stage.config()
-    check, _ = check_controller(driver, Grbl(), config)
+    check, _ = check_controller(driver, config)
     stage.heal()
     asked = b"".join(data for _, data in passed)
     demand(set(asked) == {ord("?")}, f"the doctor sent {asked[:40]!r}")
