@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
 from pushfric_core.estimation.estimate import Estimate
@@ -67,15 +68,14 @@ def run_figure(
         The figure, laid out, because that takes as long as to draw it.
     """
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(11, 8.4), layout="constrained")
+        figure = Figure(figsize=(11, 8.4))
         figure.suptitle("\n".join(line for doubt in doubts for line in textwrap.wrap(doubt, 120)), fontsize="medium")
         trajectories, friction, contact, errors = figure.subplots(2, 2, height_ratios=(1, 1)).ravel()
         _draw_trajectories(trajectories, outline, data)
         _draw_support_friction(friction, outline, estimates[-1], truth)
         _draw_contact_friction(contact, estimates[-1], [one.push_id in slipping for one in data], truth)
         _draw_center_of_friction(errors, outline, estimates, truth)
-        figure.draw_without_rendering()
-        figure.set_layout_engine("none")
+        ConstrainedLayoutEngine().execute(figure)
     return figure
 
 
