@@ -19,9 +19,9 @@ from pushfric_core.belief.fit import (
     errors_at,
     limit_of,
     root_of,
-    row_weights,
     sizes_off,
     solved,
+    student,
 )
 from pushfric_core.belief.linearisation import errors_per_way, predicted
 from pushfric_core.belief.mode import PosteriorMode, common_misfit, finding
@@ -88,7 +88,7 @@ def _profile(problem: Problem, found: Fit, grid: Array) -> _Profile:
     for value in grid.tolist():
         at = np.append(found.parameters[:-1], value)
         off = errors_at(problem, found.roots, at, w)
-        weights = row_weights(problem, off)
+        _, weights = student(problem, off)
         shift = -damped(np.sqrt(weights)[:, None] * slopes, slopes.T @ (weights * off) + at[:-1])
         shifts.append(np.append(shift, value - found.parameters[-1]))
         likelihood.append(-cost(problem, off + slopes @ shift, np.append(at[:-1] + shift, 0.0)))

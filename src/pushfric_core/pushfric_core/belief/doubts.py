@@ -23,7 +23,7 @@ from pushfric_core.belief.constants import (
     SAME,
     SHIFT,
 )
-from pushfric_core.belief.fit import Fit, Problem, damped, solved
+from pushfric_core.belief.fit import Fit, Problem, damped, smaller, solved
 from pushfric_core.belief.mode import PosteriorMode, common_misfit
 from pushfric_core.geometry.planar import Array
 from pushfric_core.records import FieldPlace
@@ -70,8 +70,9 @@ def _contradicted(problem: Problem, fit: Fit, push: int) -> Rejected | None:
     of_push = np.concatenate((np.repeat(inside, 3), inside[np.isfinite(data.ratios)]))
     scaled, slopes = fit.rows, fit.slopes[moved]
     own, others = scaled[of_push], scaled[~of_push]
-    left = fit.off[moved] + slopes @ damped(others, own.T @ (np.sqrt(fit.weights) * fit.off)[of_push])
-    covariance = np.eye(len(left)) + slopes @ damped(others, slopes.T)
+    square = smaller(others)
+    left = fit.off[moved] + slopes @ damped(others, own.T @ (np.sqrt(fit.weights) * fit.off)[of_push], square)
+    covariance = np.eye(len(left)) + slopes @ damped(others, slopes.T, square)
     freedom, roots = problem.freedom[inside], fit.roots[inside]
     total = int(freedom.sum())
     known = _log_student(float(left @ solved(covariance, left)), total, NU) - float(np.linalg.slogdet(covariance)[1]) / 2
@@ -157,14 +158,15 @@ def _evidence(problem: Problem, off: Array, slopes: Array) -> tuple[float, Array
     The errors may be smaller or larger together than those of the mode.
     """
     freedom, x, spread = problem.freedom, np.zeros(slopes.shape[1]), 1.0
+    total = float(freedom.sum())
     for _ in range(ROUNDS):
         size = np.sum((off + slopes @ x).reshape(-1, 3) ** 2, axis=1)
         for _ in range(2):
-            spread = math.sqrt(float(np.sum((NU + freedom) / (NU + size / spread**2) * size)) / float(freedom.sum()))
+            spread = math.sqrt(float((NU + freedom) / (NU + size / spread**2) @ size) / total)
             spread = max(spread, LEAST_SPREAD)
         weights = np.repeat((NU + freedom) / (NU * spread**2 + size), 3)
         square = (slopes.T * weights) @ slopes + np.eye(len(x))
         x = -solved(square, slopes.T @ (weights * off))
     size = np.sum((off + slopes @ x).reshape(-1, 3) ** 2, axis=1) / spread**2
-    told = float(np.sum((NU + freedom) * np.log1p(size / NU))) / 2 + float(freedom.sum()) * math.log(spread)
+    told = float((NU + freedom) @ np.log1p(size / NU)) / 2 + total * math.log(spread)
     return -told - float(x @ x) / 2 - float(np.linalg.slogdet(square)[1]) / 2, x

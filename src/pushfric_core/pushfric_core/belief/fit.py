@@ -55,6 +55,7 @@ class Problem(NamedTuple):
     root: Array  # (n, n) a root of the covariance of the log pressure before any push
     share: Array  # (k,) variance of each stretch's errors as a share of the squared scale
     freedom: Indices  # (k,) dimensions of its errors: without a tip, only the turn about the contact is one
+    length: float  # of a stretch, in the median [m]
 
     def left(self, fitted: float) -> float:
         """Degrees of freedom that so many fitted parameters leave."""
@@ -93,10 +94,11 @@ def problem_of(points: Array, data: Stretches, white: float) -> Problem:
     """The problem of finding w over points (n, 2), each with an own log pressure of this standard deviation."""
     modes = SMOOTH * cosines(points)
     root = root_of(modes @ modes.T + white**2 * np.eye(len(points)))
-    share = (1 + (data.lengths / np.median(data.lengths)) ** 2) / 2
+    length = float(np.median(data.lengths))
+    share = (1 + (data.lengths / length) ** 2) / 2
     stuck = np.zeros(len(data.lengths), dtype=bool)
     stuck[data.stretch[data.sticks]] = True
-    return Problem(Place(points, points.mean(axis=0), rms_arm(points) or 1.0), data, root, share, np.where(stuck, 1, 3))
+    return Problem(Place(points, points.mean(axis=0), rms_arm(points) or 1.0), data, root, share, np.where(stuck, 1, 3), length)
 
 
 def cosines(points: Array) -> Array:
@@ -164,7 +166,7 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
         scale = _scale(problem, found.errors, own, scale, fitted)
         roots = root_of(own + (scale**2 * problem.share)[:, None, None] * np.eye(3))
         off, slopes = _whitened(problem, found, by_mu_c, roots, log)
-        weights = row_weights(problem, off)
+        _, weights = student(problem, off)
         rows = np.sqrt(weights)[:, None] * slopes
         square = smaller(rows)
         fitted = len(square) - float(np.trace(np.linalg.inv(square)))
@@ -189,22 +191,13 @@ def fitting(problem: Problem, at: Array, steps: int = STEPS) -> Generator[None, 
 
 def cost(problem: Problem, off: Array, parameters: Array) -> float:
     """The negative log posterior of parameters (n + 1,) with errors (3k + f,), but for what depends on the scale alone."""
-    return student(problem, off) + float(parameters @ parameters) / 2
+    return student(problem, off)[0] + float(parameters @ parameters) / 2
 
 
-def student(problem: Problem, off: Array) -> float:
-    """The negative log likelihood of errors (3k + f,) of unit variance, but for a constant."""
-    size, forced = np.sum(of_stretches(problem, off) ** 2, axis=1), off[3 * len(problem.freedom) :]
-    told = float(np.sum((NU + problem.freedom) * np.log1p(size / NU)))
-    return (told + float(np.sum((NU + 1) * np.log1p(forced**2 / NU)))) / 2
-
-
-def row_weights(problem: Problem, off: Array) -> Array:
-    """The weights of errors (3k + f,): small for outliers."""
-    size, forced = np.sum(of_stretches(problem, off) ** 2, axis=1), off[3 * len(problem.freedom) :]
-    stretches = np.repeat((NU + problem.freedom) / (NU + size), 3)
-    # a force that is no larger than mu_c allows says nothing
-    return np.concatenate((stretches, np.where(forced == 0, 0.0, (NU + 1) / (NU + forced**2))))
+def student(problem: Problem, off: Array) -> tuple[float, Array]:
+    """The negative log likelihood of errors (3k + f,) of unit variance, but for a constant, and their weights."""
+    weights = np.empty_like(off)
+    return inner_loops.student(off, problem.freedom, NU, weights), weights
 
 
 def errors_at(problem: Problem, roots: Array, parameters: Array, w: Array | None = None) -> Array:
@@ -230,14 +223,10 @@ def _forced(data: Stretches, log: float) -> Array:
     return np.where(data.slid[measured], off, np.minimum(off, 0.0))
 
 
-def of_stretches(problem: Problem, off: Array) -> Array:
-    """The errors (k, 3) of the stretches alone."""
-    return off[: 3 * len(problem.freedom)].reshape(-1, 3)
-
-
 def sizes_off(problem: Problem, fit: Fit) -> Array:
     """By how much the motions of the stretches are off (k,) [m]."""
-    return np.asarray(np.linalg.norm((fit.roots @ of_stretches(problem, fit.off)[..., None])[..., 0], axis=1))
+    of_stretches = fit.off[: 3 * len(problem.freedom)].reshape(-1, 3, 1)
+    return np.asarray(np.linalg.norm((fit.roots @ of_stretches)[..., 0], axis=1))
 
 
 def misfits(problem: Problem, fit: Fit) -> Array:
@@ -256,7 +245,7 @@ def spread_cost(problem: Problem, roots: Array, scale: float) -> float:
 
 def _scale(problem: Problem, errors_seen: Array, own: Array, scale: float, fitted: float) -> float:
     """The likeliest scale [m] of errors (k, 3) that have own covariances (k, 3, 3) besides, after fitting some parameters."""
-    least = LEAST_SCALE * float(np.median(problem.data.lengths))
+    least = LEAST_SCALE * problem.length
     if math.isnan(scale):
         scale = max(math.sqrt(float(np.median(np.sum(errors_seen**2, axis=1) / problem.share)) / 2.4), least)
     share, freedom, left = problem.share, problem.freedom, problem.left(fitted)

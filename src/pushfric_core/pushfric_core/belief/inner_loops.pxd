@@ -46,3 +46,7 @@ cpdef double rescaled(
     const double[:, :] errors, const double[:, :, :] own, const double[:] share, const int64_t[:] freedom, double nu,
     double left, double scale
 ) except? -1
+
+
+@cython.locals(k=Py_ssize_t, j=Py_ssize_t, told=double, x=double, y=double, z=double, square=double)
+cpdef double student(const double[:] off, const int64_t[:] freedom, double nu, double[::1] weights) except? -1

@@ -162,3 +162,27 @@ def rescaled(errors: Array, own: Array, share: Array, freedom: Indices, nu: floa
         size = max(square, 0.0) / (xx * of_x + xy * of_xy + xz * of_xz)  # of exact data, rounding may leave less than 0
         total += (nu + freedom[k]) / (nu + size) * size
     return scale * math.sqrt(total / left)
+
+
+def student(off: Array, freedom: Indices, nu: float, weights: Array) -> float:
+    """The negative log likelihood of errors of unit variance with a Student distribution, but for a constant.
+
+    Args:
+        off: (3k + f,) the errors of k stretches, and those of f forces.
+        freedom: (k,) dimensions of the stretches' errors.
+        nu: degrees of freedom of the distribution.
+        weights: (3k + f,) receives the weights of the errors: small for outliers.
+    """
+    told = 0.0
+    for k in range(len(freedom)):
+        x, y, z = off[3 * k], off[3 * k + 1], off[3 * k + 2]
+        square = x * x + y * y + z * z
+        told += (nu + freedom[k]) * math.log1p(square / nu)
+        for j in range(3 * k, 3 * k + 3):
+            weights[j] = (nu + freedom[k]) / (nu + square)
+    for j in range(3 * len(freedom), len(off)):
+        square = off[j] * off[j]
+        told += (nu + 1) * math.log1p(square / nu)
+        # a force that is no larger than mu_c allows says nothing
+        weights[j] = (nu + 1) / (nu + square) if square > 0 else 0.0
+    return told / 2

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pushfric_core.belief.constants import COMMON, FLOOR, MOST_STRETCHES, SECTORS, WHITES, WIDER
-from pushfric_core.belief.fit import Fit, Problem, damped, fitting, problem_of, solved, spread_cost, student
+from pushfric_core.belief.fit import Fit, Problem, damped, fitting, problem_of, smaller, solved, spread_cost, student
 from pushfric_core.belief.linearisation import with_bounds
 from pushfric_core.belief.stretches import Steps, stretches, thinned
 from pushfric_core.geometry.planar import Array
@@ -48,7 +48,7 @@ def common_misfit(problem: Problem, fit: Fit, size: float) -> float:
         fit: the mode.
         size: of the support [m].
     """
-    shared = COMMON * fit.scale / float(np.median(problem.data.lengths)) * problem.place.arm
+    shared = COMMON * fit.scale / problem.length * problem.place.arm
     return math.hypot(FLOOR * size, shared)
 
 
@@ -90,6 +90,7 @@ def _left_out(problem: Problem, found: Fit) -> tuple[Array, float]:
     groups = np.array_split(order, min(SECTORS, len(pushes)))
     forced = np.isfinite(data.ratios)
     scaled, off = found.rows, np.sqrt(found.weights) * found.off
+    square = smaller(scaled)
     changes, left = [], found.off.copy()
     for group in groups:
         inside = np.isin(of_stretch, group)
@@ -97,7 +98,7 @@ def _left_out(problem: Problem, found: Fit) -> tuple[Array, float]:
         own = scaled[rows]
         left[rows] += found.slopes[rows] @ damped(scaled[~rows], own.T @ off[rows])
         # how much the group itself has drawn the mode to its own errors
-        sizes, axes = np.linalg.eigh(np.eye(len(own)) - own @ damped(scaled, own.T))
+        sizes, axes = np.linalg.eigh(np.eye(len(own)) - own @ damped(scaled, own.T, square))
         freed = axes @ ((axes.T @ off[rows]) / np.sqrt(np.maximum(sizes, LEAST_FREEDOM)))
-        changes.append(damped(scaled, own.T @ freed))
-    return math.sqrt(WIDER) * np.array(changes), student(problem, left) + spread_cost(problem, found.roots, found.scale)
+        changes.append(damped(scaled, own.T @ freed, square))
+    return math.sqrt(WIDER) * np.array(changes), student(problem, left)[0] + spread_cost(problem, found.roots, found.scale)
