@@ -61,7 +61,8 @@ class Outline:
     """Simple polygon in the object frame.
 
     Args:
-        vertices: (n, 2) corners in order [m]; made counter-clockwise.
+        vertices: (n, 2) corners in order [m]; made counter-clockwise. Corners in one place, as the first and the last of a closed
+            ring, are one.
     Raises:
         ValueError: fewer than three corners, one that is not finite or beyond FARTHEST, a side of the bounding box longer than
             LARGEST, or an outline that crosses itself or encloses no area.
@@ -83,6 +84,9 @@ class Outline:
             raise ValueError(f"an outline needs at least 3 vertices (n, 2), got shape {vertices.shape}")
         if not np.isfinite(vertices).all():
             raise ValueError("the vertices of an outline must be finite")
+        vertices = frozen(vertices[np.abs(np.roll(vertices, -1, axis=0) - vertices).max(axis=1) > ON_OUTLINE])
+        if len(vertices) < 3:
+            raise ValueError(f"an outline needs at least 3 vertices in different places, got {len(vertices)}")
         length, width = np.ptp(vertices, axis=0).tolist()
         if not max(length, width) <= LARGEST:
             asked = other_unit("m", lambda factor: SMALLEST <= max(length, width) * factor <= LARGEST)
