@@ -195,6 +195,32 @@ def other_values(bag: Recording, rng: np.random.Generator) -> tuple[str, Message
     return f"{count} poses from {first} on {off * 1e3:.1f} mm off", messages
 
 
+def coarse_stamps(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
+    """The stamps of the poses are those of a clock that ticks every .07 to .25 s."""
+    tick = int(rng.uniform(0.07, 0.25) * SECOND)
+
+    def change(msg: object) -> None:
+        msg.header.stamp = stamp_to_msg(stamp_from_msg(msg.header.stamp) // tick * tick)
+
+    messages = [bag.changed(message, change) if message.topic == STREAMS[0] else message for message in bag.messages]
+    return f"poses stamped every {tick} ns", messages
+
+
+def tip_elsewhere(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:
+    """In one to four pushes, the tip passes the object at 100 to 200 mm from where it was, or rests where it began."""
+    first, count, rests = int(rng.integers(1, 9)), int(rng.integers(1, 5)), bool(rng.integers(2))
+    aside, began = float(rng.choice((-1, 1)) * rng.uniform(0.1, 0.2)), {}
+
+    def change(msg: object) -> None:
+        if first <= msg.push_id < first + count and rests:
+            msg.position, msg.tip.x, msg.tip.y = began.setdefault(msg.push_id, (msg.position, msg.tip.x, msg.tip.y))
+        elif first <= msg.push_id < first + count:
+            msg.tip.x, msg.tip.y = msg.tip.x - aside * msg.direction.y, msg.tip.y + aside * msg.direction.x
+
+    messages = [bag.changed(message, change) if message.topic == STREAMS[1] else message for message in bag.messages]
+    return f"tip in pushes {first} to {first + count - 1} {'at rest' if rests else f'{aside} m aside'}", messages
+
+
 STREAM_DAMAGES: tuple[Damage, ...] = (
     wild_stamps,
     another_clock,
@@ -204,6 +230,8 @@ STREAM_DAMAGES: tuple[Damage, ...] = (
     missing_pushes,
     cut_short,
     clock_step,
+    coarse_stamps,
+    tip_elsewhere,
 )
 """Damages that the streams themselves show, whatever recorded them."""
 

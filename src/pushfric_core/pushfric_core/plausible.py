@@ -49,7 +49,7 @@ def check_within(what: str, values: Iterable[float], most: float, unit: str) -> 
         raise ValueError(f"{what} must be finite, got {got}")
     largest = max(numbers, key=abs)
     asked = other_unit(unit, lambda factor: abs(largest * factor) <= most)
-    raise ValueError(f"{what} must lie within {most:g} {unit}, got {got}{asked}")
+    raise ValueError(f"{what} must lie within {f'{most:g} {unit}'.rstrip()}, got {got}{asked}")
 
 
 def other_unit(unit: str, makes_sense: Callable[[float], bool]) -> str:

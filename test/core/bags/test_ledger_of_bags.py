@@ -367,3 +367,33 @@ def test_every_command_ends_alike_for_a_bag_in_doubt(recording, tmp_path, comman
     for partial, code in (((), 1), (("--partial",), 0)):
         run = invoked(*call, *partial)
         assert (run.exit_code, said in " ".join(run.stderr.split())) == (code, True), run.output
+
+
+def test_poses_that_are_too_early_for_most_observations_are_a_doubt(recording, whole, tmp_path):
+    """By less than what is a doubt of its own: for a while, the object seems to move before the tip is there."""
+    bag = recording.write_elsewhere(tmp_path / "bag", wild(recording, POSE, slice(None), round(-0.063 * SECOND)))
+    reading, _ = reading_of(bag)
+    fewer = len(whole[0].observations) - len(reading.observations)
+    (doubt,) = reading.ledger.doubts
+    assert doubt.code is DoubtCode.FEW_OBSERVATIONS
+    assert 0.4 * fewer < doubt.lost < 1.5 * fewer
+
+
+def test_a_silent_pusher_is_a_doubt_where_the_object_moves(recording, tmp_path):
+    """Not the time alone: a pusher at rest may report seldom."""
+    begin, end = recording.span_of(13)
+    kept = [m for m in recording.messages if m.topic != STATE or not begin - SECOND // 2 < m.log_time_ns < end + SECOND // 2]
+    reading, _ = reading_of(recording.write(tmp_path / "bag", [m for m in kept if m.topic in STREAMS]))
+    (doubt,) = reading.ledger.doubts
+    assert doubt.code is DoubtCode.STATES_MISSING
+    assert re.fullmatch(r"no pusher state tells of a push for \d\.\d+ s, in which the object moved by \d+ mm", doubt.text)
+
+
+def test_a_push_without_an_id_is_a_doubt(recording, tmp_path):
+    def change(msg):
+        msg.push_id = -1 if msg.push_id == 13 else msg.push_id
+
+    states = set(recording.numbers(STATE))
+    changed = [recording.changed(m, change) if number in states else m for number, m in enumerate(recording.messages)]
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", changed))
+    assert [one.code for one in reading.ledger.doubts] == [DoubtCode.STATES_MISSING]

@@ -7,7 +7,7 @@ import re
 import shlex
 
 import pytest
-from calls import printed
+from calls import invoked, printed
 
 from pushfric_core.files.model_file import ModelFile
 
@@ -50,6 +50,15 @@ def test_the_commands_run_and_print_the_documented_keys(folder):
     assert len(lines[0].splitlines()) == 3
     assert "sticking" in lines[0]
     assert "slips, margin -" in lines[2]
+
+
+def test_a_model_that_is_not_to_be_used_is_warned_of(folder):
+    rest = [option for push in range(1, 14) for option in ("--exclude-push", str(push))]
+    invoked("estimate", "bags/rubber_rect4", *rest, "--save", "one.yaml")
+    for source, said_of in (("one.yaml", True), ("model.yaml", False)):
+        for command, pushes in (("predict", "pushes.csv"), ("stable", "turns.csv")):
+            run = invoked(command, source, "--pushes", pushes)
+            assert (run.exit_code, "warning: the model is not to be used: p_CF rests on 1 push" in run.stderr) == (0, said_of)
 
 
 def test_the_exported_files_have_the_documented_keys(folder):

@@ -34,6 +34,7 @@ def test_distance_to_the_outline_is_positive_inside_too():
     ("vertices", "text"),
     [
         (((0, 0), (1, 0)), "at least 3 vertices"),
+        (((0, 0), (1, 0), (1, 0), (0, 0)), "at least 3 vertices"),
         (((0, 0), (1, 1), (1, 0), (0, 1)), "simple polygon with an area: Self-intersection"),
         (((0, 0), (1, 0), (np.nan, 1)), "must be finite"),
     ],
@@ -41,6 +42,14 @@ def test_distance_to_the_outline_is_positive_inside_too():
 def test_bad_outlines_are_refused(vertices, text):
     with pytest.raises(ValueError, match=text):
         Outline(np.array(vertices))
+
+
+@pytest.mark.parametrize("again", [[0, 1, 2, 0], [0, 1, 1, 2], [2, 0, 1, 1, 2]])
+def test_neighbours_in_one_place_are_one_corner(again):
+    """As the first and the last of a ring, closed as GeoJSON has it."""
+    outline = Outline(np.array(TRIANGLE)[again])
+    assert {*map(tuple, outline.vertices.tolist())} == {*map(tuple, Outline(TRIANGLE).vertices.tolist())}
+    assert np.isfinite(outline.normals).all()
 
 
 def test_a_grid_over_a_triangle_keeps_the_points_on_its_long_side():

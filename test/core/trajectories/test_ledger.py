@@ -2,6 +2,7 @@
 
 import itertools
 import pathlib
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from test_trajectory import feed
 from pushfric_core.trajectories.ledger import (
     AHEAD,
     KINDS,
+    NO_OBSERVATION,
     NO_PARTNER,
     NOT_SEEN,
     OUT_OF_ORDER,
@@ -242,3 +244,37 @@ def test_the_accounts_are_documented():
     text = (pathlib.Path(__file__).parents[3] / "docs/files.md").read_text(encoding="utf-8")
     table = text.split("| account | what ended there |\n|---|---|\n")[1].split("\n\n")[0]
     assert table == "\n".join(f"| {reason} | {meaning} |" for reason, meaning in REASONS.items())
+
+
+@pytest.mark.parametrize("tick", [2, 5])
+def test_poses_that_differ_but_not_in_their_stamps_are_counted_as_wrong(tick):
+    poses, states = streams(wrenches=False)
+    coarse = [one._replace(stamp=one.stamp // (tick * FRAME) * tick * FRAME) for one in poses]
+    first = {one.stamp: one.pose for one in reversed(coarse)}
+    number = sum(one.pose != first[one.stamp] for one in coarse)
+    _, ledger = of(by_time([coarse, states]), forces=False)
+    assert ledger.accounts[POSES].ended[OUT_OF_ORDER] == number
+    assert f"{number} of {COUNT} poses are stamped like another that came first, and left out" in ledger.lines
+
+
+def test_forces_of_one_stamp_all_count():
+    """A sensor is faster than the clock that stamps what it measures."""
+    poses, states, forces = streams()
+    found, _ = of(by_time([poses, states, forces]))
+    twice = [one._replace(force=(force, 1.0)) for one in forces for force in (-0.5, 0.5)]
+    again, ledger = of(merged(np.random.default_rng(0), [poses, states, twice]))
+    assert np.allclose([one.force for one in again], [one.force for one in found])
+    assert (ledger.doubts, ledger.accounts[WRENCHES].ended[OUT_OF_ORDER]) == ([], 0)
+
+
+def test_a_push_that_moves_the_object_but_gives_nothing_is_a_doubt():
+    poses, states = streams(wrenches=False)
+    for number, one in enumerate(states):
+        if one.push_id in (1, 3):
+            states[number] = one._replace(line=one.line._replace(origin=(0.5, one.line.origin[1])))
+    found, ledger = of(by_time([poses, states]), forces=False)
+    (doubt,) = ledger.doubts
+    assert doubt.code is DoubtCode.FEW_OBSERVATIONS
+    assert doubt.text.startswith("push 2, 4 moved the object, but gave 0 observations, about ")
+    ledger.settle(Counter(one.push_id for one in found), Counter(one.push_id for one in found), (), ())
+    assert ledger.sums()["pushes"] == {"received": PUSHES, USED: PUSHES - 2, NO_OBSERVATION: 2}

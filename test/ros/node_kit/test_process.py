@@ -110,6 +110,7 @@ def test_a_node_that_hangs_dies_whoever_started_it(how, when):
     """This holds while it is made, and for compiled code that lets no other Python run, too."""
     ended = run(HANGS_BEFORE_ITS_END.replace("HOW", how).replace("WHEN", when))
     assert (ended.returncode, ended.stdout) == (-signal.SIGALRM, "hangs\n")
+    assert " in hang\n" in ended.stderr  # it says where
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])

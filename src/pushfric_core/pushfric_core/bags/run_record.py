@@ -229,10 +229,10 @@ class RunRecord:
 
 
 def _alike(one: Observation, other: Observation) -> bool:
-    """Whether two observations have the same contact, normal, motion and tip, as far as both were recorded."""
+    """Whether two observations have the same contact, normal, motion and tip."""
     for name in ("contact_point", "contact_normal", "twist", "tip_velocity"):
         a, b = getattr(one, name), getattr(other, name)
-        if a is not None and b is not None and any(abs(x - y) > SAME for x, y in zip(a, b, strict=True)):
+        if a != b and (a is None or b is None or any(abs(x - y) > SAME for x, y in zip(a, b, strict=True))):
             return False
     return True
 

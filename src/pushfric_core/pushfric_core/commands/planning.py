@@ -48,13 +48,16 @@ def known(
     if source.suffix in SUFFIXES:
         if object_name:
             raise InvalidInput(f"{source}: a model has its own object; give --object only with a bag or a CSV")
-        yield load_model(source)
-        return
-    estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn)
-    if estimation.result.contradiction is not None:
-        raise InvalidInput(f"{source}: {estimation.result.contradiction}")
-    yield estimation.to_model(), estimation.model
-    if estimation.ledger.doubts and not partial:
+        doubts, (file, model) = False, load_model(source)
+    else:
+        estimation = estimate_from(source, Choices(object_name, partial=partial, namespace=namespace), warn)
+        if estimation.result.contradiction is not None:
+            raise InvalidInput(f"{source}: {estimation.result.contradiction}")
+        doubts, file, model = bool(estimation.ledger.doubts), estimation.to_model(), estimation.model
+    for reason in file.made.verdict or ():
+        warn(f"the model is not to be used: {reason}")
+    yield file, model
+    if doubts and not partial:
         raise typer.Exit(1)
 
 

@@ -61,8 +61,7 @@ class Outline:
     """Simple polygon in the object frame.
 
     Args:
-        vertices: (n, 2) corners in order [m]; made counter-clockwise. Corners in one place, as the first and the last of a closed
-            ring, are one.
+        vertices: (n, 2) corners in order [m]; made counter-clockwise. Neighbours in one place, as the ends of a ring, are one.
     Raises:
         ValueError: fewer than three corners, one that is not finite or beyond FARTHEST, a side of the bounding box longer than
             LARGEST, or an outline that crosses itself or encloses no area.
@@ -80,13 +79,12 @@ class Outline:
 
     def __post_init__(self) -> None:
         vertices = frozen(self.vertices)
-        if vertices.ndim != 2 or vertices.shape[1:] != (2,) or len(vertices) < 3:
-            raise ValueError(f"an outline needs at least 3 vertices (n, 2), got shape {vertices.shape}")
         if not np.isfinite(vertices).all():
             raise ValueError("the vertices of an outline must be finite")
-        vertices = frozen(vertices[np.abs(np.roll(vertices, -1, axis=0) - vertices).max(axis=1) > ON_OUTLINE])
-        if len(vertices) < 3:
-            raise ValueError(f"an outline needs at least 3 vertices in different places, got {len(vertices)}")
+        if vertices.shape[1:] == (2,):
+            vertices = frozen(vertices[np.abs(np.roll(vertices, -1, axis=0) - vertices).max(axis=1) > ON_OUTLINE])
+        if vertices.shape[1:] != (2,) or len(vertices) < 3:
+            raise ValueError(f"an outline needs at least 3 vertices (n, 2) in different places, got shape {vertices.shape}")
         length, width = np.ptp(vertices, axis=0).tolist()
         if not max(length, width) <= LARGEST:
             asked = other_unit("m", lambda factor: SMALLEST <= max(length, width) * factor <= LARGEST)

@@ -236,7 +236,7 @@ class Lags:
         error = farthest[-1] - met[resting].mean()
         speeds = (after - before) / (2 * GUARD)
         steady = np.abs(after - 2 * now + before) <= STEADY * (after - now)
-        pushed = steady & (at <= stop - GUARD) & (before - error >= met[:FEWEST_FRAMES].mean() + MOVED)
+        pushed = steady & (speeds > RESTS) & (at <= stop - GUARD) & (before - error >= met[:FEWEST_FRAMES].mean() + MOVED)
         if pushed.sum() < FEWEST_FRAMES:
             return None
         lag = np.mean((now - met - error)[pushed] / speeds[pushed])

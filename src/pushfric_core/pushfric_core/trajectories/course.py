@@ -4,15 +4,18 @@ Only stamps, ids, and where the tip was are needed. A pause of one stream is a d
 between pushes cameras are covered, and pushers at rest report seldom.
 """
 
+from array import array
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise, product
 from math import gcd
 from typing import NamedTuple
 
 import numpy as np
 
+from pushfric_core.geometry.planar import Pose
+from pushfric_core.trajectories.following import moved
 from pushfric_core.trajectories.ledger import Doubt, DoubtCode
 from pushfric_core.trajectories.samples import PoseSample, PusherSample, TrajectoryConfig
 from pushfric_core.trajectories.stream import LEAP, LONGEST_END_SKEW, NANOSECONDS, Pause, Stream, seconds
@@ -29,6 +32,12 @@ SILENT = 1.0
 
 SELDOM = 0.25
 """Pusher states come at least this often in a push, on average [s]: where it begins and ends is known within this."""
+
+BEGUN, OVER = 0.1, 0.95
+"""The frames of a motion are those between these shares of the object's way in a push."""
+
+MISSED = 2
+"""A push lacks observations if its motion gives this many more, and at least twice as many as were made."""
 
 COMMON = 2.0
 """No push is shorter [s]: one may be missing where neither poses nor pusher states come for that long."""
@@ -51,7 +60,7 @@ UNPLANNED = Planned()
 
 @dataclass(slots=True)
 class Push:
-    """A push, by the pusher states with its id."""
+    """A push, by the pusher states with its id, and the frames between them."""
 
     push_id: int
     first: "PusherSample"
@@ -59,6 +68,15 @@ class Push:
     before: "PusherSample | None"  # the state before the first one
     after: "PusherSample | None" = None  # the state after the last one
     states: int = 1  # with its id
+    begin: "Pose | None" = None  # the first one in which the object was seen
+    ways: "array[float]" = field(default_factory=lambda: array("f"))  # from there to each of the next ones [m]
+    made: int = 0  # observations
+
+    @property
+    def moving(self) -> int:
+        """The number of frames in which the object moves."""
+        ways = np.array(self.ways)
+        return int(np.argmax(ways >= OVER * ways.max()) - np.argmax(ways > BEGUN * ways.max())) if len(ways) else 0
 
 
 class Course:
@@ -71,6 +89,7 @@ class Course:
     def __init__(self) -> None:
         self.pushes: list[Push] = []
         self._last: PusherSample | None = None
+        self._silences: list[Push] = []  # times without a state, or with those of a tip that goes on, but in no push
         self._tells_speed = False
 
     def add(self, state: "PusherSample") -> None:
@@ -85,6 +104,25 @@ class Course:
             self.pushes[-1].after = state
         if state.push_id is not None:
             self.pushes.append(Push(state.push_id, state, state, before))
+
+    def see(self, before: PusherSample, after: PusherSample, sample: PoseSample, reach: float) -> None:
+        """A frame between two states, of an object with corners up to this far from its origin [m]."""
+        goes_on = before.push_id == after.push_id and before.line == after.line and before.speed > RESTS
+        if before.push_id is not None and before.push_id == after.push_id:
+            seen = self.push_at(sample.stamp)
+        elif after.stamp - before.stamp > SILENT * NANOSECONDS or goes_on:
+            if not self._silences or self._silences[-1].last not in (before, after):
+                self._silences.append(Push(-1, before, after, None))
+            seen = self._silences[-1]
+            seen.last = after
+        else:
+            return
+        seen.begin = seen.begin or sample.pose
+        seen.ways.append(moved(seen.begin, sample.pose, reach))
+
+    def push_at(self, stamp: int) -> Push:
+        """The newest push that had begun by then [ns]."""
+        return self.pushes[bisect_right(self.pushes, stamp, key=lambda one: one.first.stamp) - 1]
 
     def doubts(
         self,
@@ -121,8 +159,17 @@ class Course:
             if not numbered and time > SELDOM * NANOSECONDS * one.states:
                 text = f"only {counted(one.states, 'pusher state')} came in the {seconds(time)} of {_named([one.push_id])}"
                 yield Doubt(DoubtCode.STATES_MISSING, text, one.first.stamp, observations(time))
-        for begin, end in _common(poses.pauses, states.pauses):
+        yield from self._of_motion(pushes, config, planned, ended)
+        common = _common(poses.pauses, states.pauses)
+        for begin, end in common:
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
+        silences = [one for one in self._silences if max(one.ways) > WAY]
+        silences = [one for one in silences if not any(one.first.stamp <= begin < one.last.stamp for begin, _ in common)]
+        if 2 * len(silences) <= len(self.pushes):  # else this pusher reports no better
+            for one in silences:
+                begun, way = one.first.stamp, f"the object moved by {1e3 * max(one.ways):.0f} mm"
+                text = f"no pusher state tells of a push for {seconds(one.last.stamp - begun)}, in which {way}"
+                yield Doubt(DoubtCode.STATES_MISSING, text, begun)
         if self.pushes:
             yield from self._of_ids(observations, planned, ended)
         if poses.last > states.last + LONGEST_END_SKEW * NANOSECONDS:
@@ -196,6 +243,18 @@ class Course:
         if ended and self.pushes and last_state is not None and last_state.push_id is None and abs(last_state.speed) > RESTS:
             text = "the pusher moves in the last pusher state: others may be missing"
             yield Doubt(DoubtCode.NO_END, text, last_state.stamp)
+
+    def _of_motion(self, pushes: Sequence[Push], config: "TrajectoryConfig", planned: Planned, ended: bool) -> Iterator[Doubt]:
+        """Pushes with fewer observations than the motion of the object gives; of a plan, those with none are known."""
+        told = [one for one in pushes if (ended or one.after is not None) and (one.made or planned.number is None)]
+        lacking = [(one.moving - config.window) // config.stride - one.made for one in told]
+        few = [(one, number) for one, number in zip(told, lacking, strict=True) if number >= max(MISSED, one.made)]
+        if few:
+            made, lost = sum(one.made for one, _ in few), sum(number for _, number in few)
+            which = f"push {', '.join(str(one.push_id + 1) for one, _ in few)}"
+            text = f"{which} moved the object, but gave {counted(made, 'observation')}, about {lost} too few"
+            text = f"{text}: tip or object is not where it is said to be"
+            yield Doubt(DoubtCode.FEW_OBSERVATIONS, text, few[0][0].first.stamp, lost)
 
     def _of_ids(self, observations: Observations, planned: Planned, ended: bool) -> Iterator[Doubt]:
         """Pushes that no state tells of, although others have come."""

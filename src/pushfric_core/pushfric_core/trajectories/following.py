@@ -136,10 +136,10 @@ class Following:
             self._away = None
             self._rest.forget()
             return False
-        moved = self._moved(before, sample)
-        if moved <= LEAP + LEAPS * speed * (sample.stamp - before.stamp) / NANOSECONDS:
+        way = moved(before.pose, sample.pose, self._outline.reach)
+        if way <= LEAP + LEAPS * speed * (sample.stamp - before.stamp) / NANOSECONDS:
             return False
-        self.contradiction = f"the object leaps by {moved * 1e3:.0f} mm from one image to the next"
+        self.contradiction = f"the object leaps by {way * 1e3:.0f} mm from one image to the next"
         return True
 
     def compare(self, sample: PoseSample, depth: float) -> None:
@@ -150,7 +150,7 @@ class Following:
             self._parted = sample
         if depth > self._tolerance:
             wrong = f"the object does not follow the pusher: the tip would be {depth * 1e3:.0f} mm inside it"
-        elif self._parted is not None and self._moved(self._parted, sample) > self._tolerance:
+        elif self._parted is not None and moved(self._parted.pose, sample.pose, self._outline.reach) > self._tolerance:
             wrong = f"the object moves though the tip is more than {min(-depth, 1.0) * 1e3:.0f} mm away from it"
         else:
             self._wrong = 0
@@ -159,10 +159,10 @@ class Following:
         if self._wrong >= PERSISTS:
             self.contradiction = wrong
 
-    def _moved(self, start: PoseSample, end: PoseSample) -> float:
-        """How far the fastest corner has moved at most, from one frame to another [m]."""
-        a, b = start.pose, end.pose
-        return float(np.hypot(b.x - a.x, b.y - a.y) + abs(wrap(b.theta - a.theta)) * self._outline.reach)
+
+def moved(start: Pose, end: Pose, reach: float) -> float:
+    """How far the fastest corner has moved at most, if it is this far from the origin [m]."""
+    return float(np.hypot(end.x - start.x, end.y - start.y) + abs(wrap(end.theta - start.theta)) * reach)
 
 
 def _between(start: Pose, end: Pose, share: float) -> Pose:

@@ -40,7 +40,7 @@ REASONS = {
     NOT_SEEN: "no pose came during this part of the push",
     NO_PARTNER: "there is no pusher state on both sides; a wrench: no observation was made at its time",
     AHEAD: "its stamp lies ahead of those that follow, or far ahead",
-    OUT_OF_ORDER: "its stamp lies before that of an earlier message",
+    OUT_OF_ORDER: "its stamp does not lie after that of an earlier message",
     REPEATED: "it has the stamp of the message before, and nothing new",
     REFUSED: "its values are impossible, or say nothing",
     FOREIGN: "it belongs to another cell",
@@ -74,6 +74,7 @@ class DoubtCode(StrEnum):
     CLOCKS_DIFFER = auto()
 
     # the pushes
+    FEW_OBSERVATIONS = auto()
     PUSHES_MISSING = auto()
     NO_BEGINNING = auto()
     NO_END = auto()
@@ -137,10 +138,12 @@ class Ledger:
         accounts: by kind.
         doubts: what does not add up, each once.
         remarks: dropped poses that cost nothing: cameras drop single frames, so all may be as it should.
+        pushes: the ids of those that the pusher states tell of.
     """
 
     def __init__(self) -> None:
         self.accounts = {kind: Account() for kind in KINDS}
+        self.pushes: set[int] = set()
         self.doubts: list[Doubt] = []
         self.remarks: list[Doubt] = []
 
@@ -168,6 +171,7 @@ class Ledger:
             self.accounts[kind].add(account)
         for doubt in (*other.doubts, *other.remarks):
             self.doubt(*doubt)
+        self.pushes |= other.pushes
 
     def settle(
         self,
@@ -188,7 +192,7 @@ class Ledger:
             started, aborted: ids of the pushes of the plan, as far as it is known.
         """
         observations, pushes = self.accounts[OBSERVATIONS], self.accounts[PUSHES]
-        for push_id in sorted({*made, *started, *aborted}):
+        for push_id in sorted({*made, *self.pushes, *started, *aborted}):
             number, taken = made.get(push_id, 0), used.get(push_id, 0)
             why = EXCLUDED if push_id in excluded else LEFT_OUT if push_id in rejected else REFUSED
             observations.enter(USED, taken)

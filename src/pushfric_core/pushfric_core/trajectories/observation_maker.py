@@ -33,7 +33,7 @@ class ForceMatcher:
     """
 
     def __init__(self) -> None:
-        self._stream: Stream[ForceSample] = Stream()
+        self._stream: Stream[ForceSample] = Stream(distinct=False)
         self._samples: deque[ForceSample] = deque()
         self._used_until = -1  # the last stamp that an observation has used [ns]; those before its motion are gone
         self._waiting: deque[Observation] = deque()

@@ -2,7 +2,7 @@
 
 Which samples count follows from the stamps of their own stream alone, so it is the same live, in a replay and offline:
 
-- A stamp before that of the last sample that counts: the sample is left out.
+- A stamp before that of the last sample that counts, or the same on another sample: the sample is left out.
 - A stamp that follows within LEAP usual steps: the sample counts at once.
 - A stamp further ahead, or one of the first: the sample is held until CONFIRMED samples, it included, have come in order of
   time. If a sample with an earlier stamp comes first, the held one was wild, and is left out.
@@ -131,28 +131,24 @@ class Stream(Generic[Sample]):
             (OUT_OF_ORDER, DoubtCode.STAMPS_BEHIND, "before those that came first"),
         ):
             if number := account.ended[reason]:
-                what, far = counted_of(number, account.received, kind), seconds(self._farthest[reason])
-                most = "up to " if number > 1 else ""
-                ledger.doubt(code, f"{what} stamped {most}{far} {how}, and left out", self._since[reason])
+                what = counted_of(number, account.received, kind)
+                off = f"{'up to ' if number > 1 else ''}{seconds(self._farthest[reason])} {how}"
+                off = off if self._farthest[reason] else "like another that came first"
+                ledger.doubt(code, f"{what} stamped {off}, and left out", self._since[reason])
 
     def take(self, sample: Sample) -> list[Sample]:
         """Take a sample, and return those that now count, in order of time."""
         self.account.received += 1
         held, stamp = self._held, sample.stamp
         if self.last is not None and not stamp > self.last:
-            if self._repeats(sample, self._newest):
-                self.account.end(REPEATED)
-                return []
-            if stamp < self.last:
-                self.account.end(OUT_OF_ORDER)
-                self._note(OUT_OF_ORDER, self.last - stamp, self.last)
-                return []
+            why = OUT_OF_ORDER if stamp < self.last else self._why_not(sample, self._newest)
+            if why is not None:
+                return self._left_out(why, self.last - stamp, self.last)
         while held and held[-1].stamp > stamp:
             self.account.end(AHEAD)
             self._note(AHEAD, held.pop().stamp - stamp, stamp if self.last is None else self.last)
-        if held and self._repeats(sample, held[-1]):
-            self.account.end(REPEATED)
-            return []
+        if held and (why := self._why_not(sample, held[-1])) is not None:
+            return self._left_out(why, 0, stamp)
         held.append(sample)
         known: list[Sample] = []
         while held and (len(held) >= CONFIRMED or self._follows(held[0].stamp)):
@@ -160,8 +156,19 @@ class Stream(Generic[Sample]):
             self._count(known[-1])
         return known
 
-    def _repeats(self, sample: Sample, other: Sample | None) -> bool:
-        return other is not None and sample.stamp == other.stamp and (self._distinct or sample == other)
+    def _why_not(self, sample: Sample, other: Sample | None) -> str | None:
+        """Why a sample does not count after another one that may have the same stamp; None if it does."""
+        if other is None or sample.stamp != other.stamp:
+            return None
+        if sample == other:
+            return REPEATED
+        return OUT_OF_ORDER if self._distinct else None
+
+    def _left_out(self, reason: str, off: int, stamp: int) -> list[Sample]:
+        self.account.end(reason)
+        if reason == OUT_OF_ORDER:
+            self._note(reason, off, stamp)
+        return []
 
     def _follows(self, stamp: int) -> bool:
         return self.last is not None and stamp - self.last <= self._far

@@ -117,8 +117,7 @@ class Trajectory:
         poses.end(TOO_FEW, self._run.open)
         for number, state in enumerate(self._pushers):
             states.end(self._fate_of(state, number < self._partners, math.inf))
-        for doubt in self._course.doubts(self._poses, self._states, self.config, planned, numbered, ended):
-            ledger.doubt(*doubt)
+        ledger.pushes = {one.push_id for one in self._course.pushes}
         for since, until in self._following.frozen.items():
             text = f"poses stayed the same to the last bit for {seconds(until - since)} of a push: the tracker stood still"
             ledger.doubt(DoubtCode.POSES_FROZEN, text, since)
@@ -131,6 +130,10 @@ class Trajectory:
             text = f"the motion shows that poses are stamped {abs(lag.mean):.3f} s too {late} against the pusher states"
             text = f"{text} (90 %: within {lag.radius:.3f} s); pose_lag: {lag.mean:.3f} corrects it"
             ledger.doubt(DoubtCode.CLOCKS_DIFFER, text, self._poses.first or 0)
+        clocks_are_wrong = {DoubtCode.CLOCKS_STEP, DoubtCode.CLOCKS_DIFFER} & {one.code for one in ledger.doubts}
+        for doubt in self._course.doubts(self._poses, self._states, self.config, planned, numbered, ended):
+            if doubt.code is not DoubtCode.FEW_OBSERVATIONS or not clocks_are_wrong:  # which is why they are few
+                ledger.doubt(*doubt)
         return ledger
 
     def add_pose(self, sample: PoseSample, received: int | None = None) -> list[Observation]:
@@ -189,6 +192,8 @@ class Trajectory:
             if kept is None and frame is not None:
                 self._rest.begin(sample.pose)
             found += self._run.extend(sample, kept, self._fate)
+        for one in found:
+            self._course.push_at(one.stamp).made += 1
         return found
 
     def _leave(self, following: float) -> None:
@@ -215,6 +220,7 @@ class Trajectory:
             self._following.pause()
             return None
         before, after = self._pushers[0], self._pushers[1]
+        self._course.see(before, after, sample, self.outline.reach)
         if before.push_id is None or before.push_id != after.push_id or before.stamp == after.stamp:
             self._fate = BETWEEN_PUSHES
             self._following.pause()

@@ -344,7 +344,7 @@ REQUESTED: dict[str, tuple[int, float | None, str]] = {
     "half_widths": (1, None, "m"),
     "centers_of_rotation": (2, FARTHEST_TURN_CENTER, "m"),
     "turns": (1, None, ""),
-    "starts": (3, FARTHEST, "m"),
+    "starts": (3, FARTHEST, "m and rad"),
     "origins": (2, FARTHEST, "m"),
     "directions": (2, FARTHEST, ""),
     "tip_radii": (1, LARGEST, "m"),

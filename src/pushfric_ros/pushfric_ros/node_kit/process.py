@@ -2,6 +2,7 @@
 
 import atexit
 import contextlib
+import faulthandler
 import gc
 import inspect
 import math
@@ -85,6 +86,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
         nonlocal ending
         if not ending:
             ending = True
+            faulthandler.unregister(signal.SIGALRM)
             signal.setitimer(signal.ITIMER_PROF, LAST_RESORT)
             signal.setitimer(signal.ITIMER_REAL, LAST_RESORT_IDLE)
 
@@ -98,6 +100,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
+    faulthandler.register(signal.SIGALRM, chain=True)  # which then ends the process: where it hung is told
     turn()  # a node may hang while it is made, too
     node = executor = None
     code = 0
