@@ -253,7 +253,7 @@ class Course:
             made, lost = sum(one.made for one, _ in few), sum(number for _, number in few)
             which = f"push {', '.join(str(one.push_id + 1) for one, _ in few)}"
             text = f"{which} moved the object, but gave {counted(made, 'observation')}, about {lost} too few"
-            text = f"{text}: tip or object is not where it is said to be"
+            text = f"{text}: tip or object is not where it is said to be, or too slow"
             yield Doubt(DoubtCode.FEW_OBSERVATIONS, text, few[0][0].first.stamp, lost)
 
     def _of_ids(self, observations: Observations, planned: Planned, ended: bool) -> Iterator[Doubt]:
