@@ -218,14 +218,19 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
     for push in (0, 1):
         observation = Observation(push_id=push, contact_normal=Vector3(y=-1.0))
         observation.twist.linear.y = 0.02
+        observation.header.stamp.sec = push + 1
         observations.publish(observation)
     reason = "it moves otherwise than the others say"
-    left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL)
+    left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, objective=0.004, data_points=1)
     left.rejected = [RejectedPush(push_id=1, reason=Reason(code=Reason.PUSH_CONTRADICTS, text=reason))]
     left.header.stamp.sec = 1
     left.change = ObjectChange(since_push=1)
-    estimates.publish(left)
     with visit(browser, view.url) as page:
+        both = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, objective=0.006, data_points=2)
+        both.header.stamp.sec = 2
+        for estimate, said in ((both, "3 mm"), (left, "4 mm")):
+            estimates.publish(estimate)
+            expect(page.locator("#line .value_text").nth(1)).to_have_text(said)  # now, also of a push that is left out
         row = page.locator('#rows tr[data-push="1"]')
         expect(row).to_contain_text(f"left out: {reason}")
         expect(page.locator("#trust")).to_contain_text("another one since push 2")
