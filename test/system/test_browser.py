@@ -233,9 +233,9 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
             expect(page.locator("#line .value_text").nth(1)).to_have_text(said)  # now, also of a push that is left out
         row = page.locator('#rows tr[data-push="1"]')
         expect(row).to_contain_text(f"left out: {reason}")
-        expect(page.locator("#trust")).to_contain_text("another one since push 2")
-        row.get_by_role("button", name="Keep push 2").click()
-        expect(page.locator("#answer")).to_have_text("Keep push 2: kept: 4 observations of 2 pushes are in")
+        expect(page.locator("#trust")).to_contain_text("another one since push 1")
+        row.get_by_role("button", name="Keep push 1").click()
+        expect(page.locator("#answer")).to_have_text("Keep push 1: kept: 4 observations of 2 pushes are in")
         assert kept == [1]
         expect(page.locator('#rows tr[data-push="0"]').get_by_role("button")).to_have_text("Exclude")
 

@@ -112,7 +112,7 @@ class Estimate:
         if not pushes:
             return "no w over the support points has the centre of friction that is asked for"
         given = " with the centre of friction that is asked for" if self.center_given else ""
-        return f"no w{given} lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
+        return f"no w{given} lets the pusher push (f.n >= 0) in all of the pushes with push_id {', '.join(map(str, pushes))}"
 
     @cached_property
     def center_of_friction(self) -> Array:

@@ -53,8 +53,8 @@ class Verdict:
         x, y = (1e3 * value for value in self.change.shift)
         since = self.change.since_push
         changed = (
-            f"the object is another one since push {since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
-            f"was moved, or it was exchanged; start again from push {since}, with reset or by leaving the earlier "
+            f"the object is another one since push_id {since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
+            f"was moved, or it was exchanged; start again from push_id {since}, with reset or by leaving the earlier "
             "pushes out"
         )
         return Reason("object_changed", changed), *self.mistakes

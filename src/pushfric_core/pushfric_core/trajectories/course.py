@@ -113,13 +113,14 @@ class Course:
 
         # what was given up is left out, and need not be whole
         pushes = [one for one in self.pushes if one.push_id not in planned.left_out]
-        yield from self._of_poses(pushes, poses, config, observations, numbered, ended)
+        yield from self._of_poses(pushes, poses, config, observations, planned, numbered, ended)
         # where no state is missing, one came late: the tip was where its neighbours say
-        yield from self._of_states(pushes, [] if numbered else states.pauses, observations, ended)
+        yield from self._of_states(pushes, [] if numbered else states.pauses, observations, planned, ended)
         for one in pushes:
             time = one.last.stamp - one.first.stamp
             if not numbered and time > SELDOM * NANOSECONDS * one.states:
-                text = f"only {counted(one.states, 'pusher state')} came in the {seconds(time)} of {_named([one.push_id])}"
+                name = _named([one.push_id], planned)
+                text = f"only {counted(one.states, 'pusher state')} came in the {seconds(time)} of {name}"
                 yield Doubt(DoubtCode.STATES_MISSING, text, one.first.stamp, observations(time))
         for begin, end in _common(poses.pauses, states.pauses):
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
@@ -135,6 +136,7 @@ class Course:
         stream: "Stream[PoseSample]",
         config: "TrajectoryConfig",
         observations: Observations,
+        planned: Planned,
         numbered: bool,
         ended: bool,
     ) -> Iterator[Doubt]:
@@ -154,7 +156,7 @@ class Course:
             unseen = [(one.push_id, time) for one, time in zip(touched, times, strict=True) if time > limit]
             if unseen:
                 time = sum(time for _, time in unseen)
-                text = f"no pose came for {seconds(time)} of {_named([push_id for push_id, _ in unseen])}"
+                text = f"no pose came for {seconds(time)} of {_named([push_id for push_id, _ in unseen], planned)}"
                 stamp = max(before, touched[0].first.stamp)
                 yield Doubt(DoubtCode.POSES_MISSING, text, stamp, sum(observations(time) for _, time in unseen))
             elif lost and touched:
@@ -164,12 +166,12 @@ class Course:
             yield Doubt(DoubtCode.POSES_DROPPED, text, since, 0 if numbered else dropped // config.stride)
 
     def _of_states(
-        self, pushes: Sequence[Push], pauses: Sequence[Pause], observations: Observations, ended: bool
+        self, pushes: Sequence[Push], pauses: Sequence[Pause], observations: Observations, planned: Planned, ended: bool
     ) -> Iterator[Doubt]:
         """Pushes whose beginning or end no state shows, and those with a pause."""
         after_pause = {one.after for one in pauses}
         for push in pushes:
-            first, last, before, after, name = push.first, push.last, push.before, push.after, _named([push.push_id])
+            first, last, before, after, name = push.first, push.last, push.before, push.after, _named([push.push_id], planned)
             if before is None:
                 late = first.speed > RESTS
             elif first.stamp in after_pause:
@@ -190,7 +192,7 @@ class Course:
         for start, end, _ in pauses:
             rank = bisect_right(begins, start) - 1
             if rank >= 0 and end <= pushes[rank].last.stamp and end - start > SILENT * NANOSECONDS:
-                text = f"no pusher state came for {seconds(end - start)} of {_named([pushes[rank].push_id])}"
+                text = f"no pusher state came for {seconds(end - start)} of {_named([pushes[rank].push_id], planned)}"
                 yield Doubt(DoubtCode.STATES_MISSING, text, start, observations(end - start))
         last_state = self._last
         if ended and self.pushes and last_state is not None and last_state.push_id is None and abs(last_state.speed) > RESTS:
@@ -205,7 +207,7 @@ class Course:
             ids = ids[:1] if planned.number is None else ids[: max(1, len(ids) - 1)]
         for before, missing in _missing_ids(ids, planned):
             stamp = max((one.last.stamp for one in self.pushes if one.push_id == before), default=self.pushes[0].first.stamp)
-            text = f"{_named(missing)} {'is' if len(missing) == 1 else 'are'} missing: the ids of the pushes jump"
+            text = f"{_named(missing, planned)} {'is' if len(missing) == 1 else 'are'} missing: the ids of the pushes jump"
             yield Doubt(DoubtCode.PUSHES_MISSING, text, stamp, observations(usual) * len(missing))
 
 
@@ -251,9 +253,10 @@ def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, li
                 yield before, missing
 
 
-def _named(ids: Collection[int]) -> str:
-    """Pushes that follow each other, for people, who count from 1."""
-    first, last = min(ids) + 1, max(ids) + 1
+def _named(ids: Collection[int], planned: Planned) -> str:
+    """Pushes that follow each other, for people: in a plan they are counted from 1, without one they have their ids."""
+    counted_from = 0 if planned.number is None else 1
+    first, last = min(ids) + counted_from, max(ids) + counted_from
     return f"push {first}" if first == last else f"pushes {first} to {last}"
 
 

@@ -234,7 +234,7 @@ function drawNow() {
   const verdict = estimate?.belief.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
   if (verdict?.notes.length) at("trust").textContent += ` To be put right: ${textOf(verdict.notes)}.`;
-  if (known(estimate?.belief.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.belief.change.since_push + 1}.`;
+  if (known(estimate?.belief.change)) at("trust").textContent += ` The object seems to be another one since push ${run.numberOf(estimate.belief.change.since_push)}.`;
 }
 
 function drawTime(moment, compared) {
