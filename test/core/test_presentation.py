@@ -46,7 +46,7 @@ def test_print_gives_three_lines_for_a_person(estimate):
     assert friction.startswith("mu_c   ")
     assert f"lower bounds up to {estimate.mu_c_max:.3f}" in friction
     assert rests_on == "from   12 observations of 12 pushes; may be used"
-    assert repr(estimate) == f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from 12 observations of 12 pushes, optimal>"
+    assert repr(estimate) == f"<Estimate: p_CF ({x:z.2f}, {y:z.2f}) mm from 12 observations of 12 pushes, optimal>"
 
 
 def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():

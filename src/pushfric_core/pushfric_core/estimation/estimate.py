@@ -182,7 +182,7 @@ class Estimate:
 
     def __repr__(self) -> str:
         x, y = 1e3 * self.center_of_friction
-        return f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from {data_of(self.data_points, self.pushes)}, {self.status.value}>"
+        return f"<Estimate: p_CF ({x:z.2f}, {y:z.2f}) mm from {data_of(self.data_points, self.pushes)}, {self.status.value}>"
 
     def to_dict(self, object_name: str = "") -> dict[str, Any]:
         """All numbers, named as in the JSON of `pushfric estimate --json`: SI units, object frame (docs/files.md).

@@ -135,7 +135,7 @@ def print_summary(name: str, msg: FrictionEstimate) -> None:
         table.add_row(
             escape(f"p_CF {label} [mm]"),
             f"{center[axis] * 1e3:z.2f}",
-            f"{true[axis] * 1e3:.2f}",
+            f"{true[axis] * 1e3:z.2f}",
             f"{error * 1e3:.2f} ({100 * error / size[axis]:.2f} % of the side)",
         )
     friction = msg.contact_friction
