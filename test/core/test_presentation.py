@@ -107,6 +107,7 @@ def test_the_picture_shows_the_object_w_the_ellipse_and_the_pushes(estimate):
     assert np.allclose(outline.get_xydata()[:-1], 1e3 * KNOWN.outline.vertices)
     assert {text.get_text() for text in axes.get_legend().get_texts()} == {
         "estimated $w$",
+        "$w < 0.001$",
         "estimated $p_{CF}$",
         "90 % ellipse",
         "contacts",

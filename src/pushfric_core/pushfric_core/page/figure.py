@@ -152,7 +152,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
         axes.set_xticks(
             [*np.arange(0, end, 0.5), end + BIN_WIDTH / 2], [*(f"{tick:g}" for tick in np.arange(0, end, 0.5)), f">{end:g}"]
         )
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=4, columnspacing=1.2, handlelength=1.0)
+    legend(axes)
 
 
 def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:
@@ -166,7 +166,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     unit = 100 / outline.size if known else np.full(2, MILLIMETRE)
     for k, (label, style) in enumerate((("x", "-"), ("y", "--"))):
         course = np.abs(centers[:, k] - truth.support.center_of_friction[k]) if truth is not None else centers[:, k]
-        axes.plot(counts, unit[k] * course, style, color=ESTIMATE, label=label)
+        axes.plot(counts, unit[k] * course, style, marker="." if len(counts) == 1 else "", color=ESTIMATE, label=label)
         told = np.isfinite(half[:, k])
         if known:
             axes.plot(np.array(counts)[told], unit[k] * half[told, k], style, color=GREY, lw=1, label=f"{label}, belief, 90 %")
@@ -186,7 +186,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     else:
         axes.set(title="Centre of friction, with 90 % intervals", xlabel="observations", ylabel="mm")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    axes.legend(ncols=2)
+    legend(axes)
 
 
 def _half_extents(estimate: Estimate) -> Array:

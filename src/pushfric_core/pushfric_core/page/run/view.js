@@ -219,12 +219,12 @@ function drawNow() {
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
   at("now").className = connection === "live" && plan?.phase !== "silent" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
+  at("now").classList.toggle("unusable", estimate?.belief.verdict.use === false);
   at("progress").parentElement.hidden = !plan;
   if (plan) {
-    const done = plan.completed + plan.aborted + plan.skipped;
     at("progress").max = Math.max(1, plan.count);
     at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
-    at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
+    at("count").textContent = `${plan.completed} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")} done${plan.aborted ? `, ${plan.aborted} aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
   }
   document.querySelector(".numbers").classList.toggle("old", story.outdated);
   if (story.outdated) {
