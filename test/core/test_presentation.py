@@ -46,7 +46,7 @@ def test_print_gives_three_lines_for_a_person(estimate):
     assert friction.startswith("mu_c   ")
     assert f"lower bounds up to {estimate.mu_c_max:.3f}" in friction
     assert rests_on == "from   12 observations of 12 pushes; may be used"
-    assert repr(estimate) == f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from 12 observations of 12 pushes, optimal>"
+    assert repr(estimate) == f"<Estimate: p_CF ({x:z.2f}, {y:z.2f}) mm from 12 observations of 12 pushes, optimal>"
 
 
 def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
@@ -107,6 +107,7 @@ def test_the_picture_shows_the_object_w_the_ellipse_and_the_pushes(estimate):
     assert np.allclose(outline.get_xydata()[:-1], 1e3 * KNOWN.outline.vertices)
     assert {text.get_text() for text in axes.get_legend().get_texts()} == {
         "estimated $w$",
+        "$w < 0.001$",
         "estimated $p_{CF}$",
         "90 % ellipse",
         "contacts",

@@ -37,7 +37,7 @@ def test_data_that_contradict_the_nonnegative_force_are_infeasible():
     estimate = estimator.add(pulled)
     assert estimate.status is Status.INFEASIBLE
     assert estimate.conflicts == (pulled,)
-    assert estimate.contradiction == "no w lets the pusher push (f.n >= 0) in all of the pushes 0"
+    assert estimate.contradiction == "no w lets the pusher push (f.n >= 0) in all of the pushes with push_id 0"
     assert estimator.add(pushed).status is Status.INFEASIBLE
     free = Estimator(np.array(((-0.03, 0.0), (0.03, 0.0))), EstimatorConfig(nonnegative_force=False))
     assert free.add(pulled).status is Status.OPTIMAL

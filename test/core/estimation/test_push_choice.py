@@ -75,6 +75,10 @@ def test_even_pushes_split_each_edge_equally():
     assert [push.offset for push in pushes] == pytest.approx([-0.02, 0.0, 0.02, 0.0])
 
 
+def test_the_middle_of_an_edge_has_no_sign():
+    assert [str(push.offset) for push, _ in next_pushes(HalfPlanes(Outline.rectangle(0.1, 0.1)))] == ["0.0"] * 4
+
+
 def test_a_planned_contact_lies_on_its_edge_and_the_push_goes_inward():
     """A slanting edge from (150, 0) to (0, 150) mm, pushed a quarter of its length beyond its middle, 45 degrees left."""
     point, direction = planned_contact(OUTLINE, PlannedPush(1, 0.15 * np.sqrt(2) / 4, np.pi / 4))

@@ -95,7 +95,7 @@ def test_what_a_change_of_the_object_brings_about_is_not_told_next_to_it():
     (told,) = verdict_on(estimate, Judgement(belief, doubts._replace(mistakes=(), change=change))).reasons
     assert contradiction.code == "contradiction"
     assert told.code == "object_changed"
-    assert "the object is another one since push 7" in told.text
+    assert "the object is another one since push_id 7" in told.text
 
 
 def test_a_radius_that_is_too_large_to_be_useful_is_told():

@@ -60,6 +60,10 @@ def test_the_histogram_counts_every_lower_bound_and_marks_p90_and_max(drawn, est
     places = [line.get_xdata()[0] for line in axes.lines]
     assert places == [last.mu_c_p90, last.mu_c_max] + ([KNOWN.mu_c] if truth else [])
     assert labels(axes)[:2] == [f"90 %: {last.mu_c_p90:.2f}", f"100 %: {last.mu_c_max:.2f}"]
+    for axes in drawn[0].axes[1:]:
+        assert axes.get_legend().get_window_extent().y1 < axes.bbox.y0  # it covers nothing
+    zeros = [line for line in panel(drawn[0], "Support").lines if line.get_marker() == "x"]
+    assert [line.get_label() for line in zeros] == ["$w < 0.001$" * bool(len(zeros[0].get_xdata()))]
 
 
 def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):

@@ -87,6 +87,13 @@ def test_a_repeated_push_has_the_number_that_the_list_of_pushes_gives_it(monkeyp
     assert [row[0] for row in told(text)["tables"]["predictions"]["rows"]] == ["11", "12", "1 (again)", "2 (again)"]
 
 
+def test_without_a_plan_a_push_has_its_id(page, tmp_path):
+    file = tmp_path / "data.csv"
+    file.write_text(told(page[1])["files"]["observations.csv"])
+    text = report(estimate_from(file, Choices("rubber_rect4"), print, whole_course=True), tmp_path / "report.html")
+    assert [row[0] for row in told(text)["tables"]["predictions"]["rows"]] == ["10", "11", "12", "13"]
+
+
 def test_an_estimate_comes_with_the_first_observation_that_is_read():
     def stop(model, observation, estimate):
         raise StopIteration(model.name, observation.push_id, estimate.data_points)

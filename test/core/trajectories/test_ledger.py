@@ -275,6 +275,6 @@ def test_a_push_that_moves_the_object_but_gives_nothing_is_a_doubt():
     found, ledger = of(by_time([poses, states]), forces=False)
     (doubt,) = ledger.doubts
     assert doubt.code is DoubtCode.FEW_OBSERVATIONS
-    assert doubt.text.startswith("push 2, 4 moved the object, but gave 0 observations, about ")
+    assert doubt.text.startswith("push 1, push 3 moved the object, but gave 0 observations, about ")
     ledger.settle(Counter(one.push_id for one in found), Counter(one.push_id for one in found), (), ())
     assert ledger.sums()["pushes"] == {"received": PUSHES, USED: PUSHES - 2, NO_OBSERVATION: 2}

@@ -144,7 +144,7 @@ def test_a_pause_within_a_push_is_told_in_the_diagnostics(ros):
         if number % 2 or number not in range(40, 52):  # six poses in a row did not come
             send(msg)
     ros.wait_for(lambda: observations, what="an observation")
-    said = "no pose came for 0.500 s of push 1"
+    said = "no pose came for 0.500 s of push 0"
 
     def told():
         warnings = [one for report in reports for one in report.status if one.level == DiagnosticStatus.WARN]

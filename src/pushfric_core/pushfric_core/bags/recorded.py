@@ -273,12 +273,13 @@ class Reading:
     Attributes:
         observations: the observations, in order, without those of excluded pushes.
         ledger: what became of every message, and what does not add up.
+        plan: what became of the plan.
     """
 
     def __init__(self, found: list[Observation], excluded: Collection[int], ledger: Ledger, plan: PlanRecord) -> None:
         self.observations = [observation for observation in found if observation.push_id not in excluded]
-        self.ledger = ledger
-        self._found, self._excluded, self._plan = found, excluded, plan
+        self.ledger, self.plan = ledger, plan
+        self._found, self._excluded = found, excluded
 
     def settle(self, estimator: Estimator) -> None:
         """Enter what an estimator has made of the observations."""
@@ -287,8 +288,8 @@ class Reading:
             Counter(one.push_id for one in estimator.observations),
             self._excluded,
             {one.push_id for one in estimator.rejected},
-            self._plan.started,
-            self._plan.aborted,
+            self.plan.started,
+            self.plan.aborted,
         )
 
 

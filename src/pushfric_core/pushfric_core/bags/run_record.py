@@ -106,17 +106,18 @@ class PlanRecord:
     def doubt_empty(self, ledger: Ledger, pushed: Collection[int], settled: float = math.inf) -> None:
         """Doubt the pushes that were completed by a time [ns], but are not among those that gave observations."""
         if empty := sorted(push_id for push_id, stamp in self._done.items() if stamp <= settled and push_id not in pushed):
-            ledger.doubt(DoubtCode.NO_OBSERVATIONS, f"no observation came from push {', '.join(map(self._number, empty))}")
+            ledger.doubt(DoubtCode.NO_OBSERVATIONS, f"no observation came from push {', '.join(map(self.number, empty))}")
 
     def doubt_end(self, ledger: Ledger) -> None:
         """Doubt a plan that has not ended."""
         if self.unfinished:
             plan = self._last
-            text = f"the plan is not finished: it stands at push {self._number(plan.push_id)} of {plan.count}"
+            text = f"the plan is not finished: it stands at push {self.number(plan.push_id)} of {plan.count}"
             ledger.doubt(DoubtCode.PLAN_UNFINISHED, text, stamp_from_msg(plan.header.stamp))
 
-    def _number(self, push_id: int) -> str:
-        return number_of(push_id, self._last.count)
+    def number(self, push_id: int) -> str:
+        """The number of a push, for people."""
+        return number_of(push_id, self.planned.number)
 
 
 class RunRecord:
@@ -209,7 +210,8 @@ class RunRecord:
         ):
             if keys:
                 first = min(stamp for _, stamp in keys)
-                ledger.doubt(DoubtCode.RUN_DIFFERS, f"{text}, {_pushes(keys)}", first, len(missing) if keys is missing else 0)
+                lost = len(missing) if keys is missing else 0
+                ledger.doubt(DoubtCode.RUN_DIFFERS, f"{text}, {self._pushes(keys)}", first, lost)
 
     def _compare_estimate(self, ledger: Ledger, settings: EstimatorSettings, earlier: int) -> None:
         """The last estimate cannot rest on more observations than the bag holds."""
@@ -227,6 +229,12 @@ class RunRecord:
             text = f"the last estimate of the run rests on {rests_on} observations, but the bag holds {held} of them"
             ledger.doubt(DoubtCode.RUN_DIFFERS, text, self._last.log_time_ns, rests_on - held)
 
+    def _pushes(self, keys: Iterable[Key]) -> str:
+        """The pushes of some observations, in words."""
+        ids = sorted({push_id for push_id, _ in keys})
+        more = f" and {len(ids) - 8} more" if len(ids) > 8 else ""
+        return f"in push {', '.join(map(self.plan.number, ids[:8]))}{more}"
+
 
 def _alike(one: Observation, other: Observation) -> bool:
     """Whether two observations have the same contact, normal, motion and tip."""
@@ -235,11 +243,3 @@ def _alike(one: Observation, other: Observation) -> bool:
         if a != b and (a is None or b is None or any(abs(x - y) > SAME for x, y in zip(a, b, strict=True))):
             return False
     return True
-
-
-def _pushes(keys: Iterable[Key]) -> str:
-    """The pushes of some observations, in words."""
-    ids = sorted({push_id for push_id, _ in keys})
-    shown = ", ".join(str(push_id + 1) for push_id in ids[:8])
-    more = f" and {len(ids) - 8} more" if len(ids) > 8 else ""
-    return f"in push {shown}{more}"

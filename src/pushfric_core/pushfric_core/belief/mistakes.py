@@ -261,7 +261,7 @@ def _contacts_off(d: Array) -> Reason:
     x, y = (1e3 * d).tolist()
     return Reason(
         "contacts_displaced",
-        f"the object moves as if its contacts were displaced by ({x:.1f}, {y:.1f}) mm in the object frame: "
+        f"the object moves as if its contacts were displaced by ({x:z.1f}, {y:z.1f}) mm in the object frame: "
         "give contacts, outline and velocities in the same frame",
     )
 
@@ -270,7 +270,7 @@ def _origin_off(d: Array) -> Reason:
     x, y = (-1e3 * d).tolist()
     return Reason(
         "origin_off",
-        f"the motion seems to be that of a point at ({x:.0f}, {y:.0f}) mm, not of the object-frame origin: give poses and "
+        f"the motion seems to be that of a point at ({x:z.0f}, {y:z.0f}) mm, not of the object-frame origin: give poses and "
         "velocities of the frame in which outline and contacts are given",
     )
 

@@ -142,7 +142,7 @@ def tip_off(observations: Sequence[Observation]) -> TipOff | None:
     if shifted.detected:
         x, y = (1e3 * shifted.lengths).tolist()
         text = (
-            f"the outline seems to be shifted by ({x:.1f}, {y:.1f}) mm in the object frame, because the tip is inside "
+            f"the outline seems to be shifted by ({x:z.1f}, {y:z.1f}) mm in the object frame, because the tip is inside "
             "it on one side and away from it on the other: measure where the outline lies in the frame that is tracked"
         )
         return TipOff(Reason("outline_shifted", text), math.hypot(x, y) / 1e3, True)

@@ -203,7 +203,7 @@ def tip(
     for finding in findings:
         warn(finding)
     (x, y), (u, v) = 1e3 * measured.line_origin, measured.line_direction
-    say(f"pushing line: from ({x:.2f}, {y:.2f}) mm along ({u:.5f}, {v:.5f}), seen to {1e3 * measured.rms:.2f} mm (rms)")
+    say(f"pushing line: from ({x:z.2f}, {y:z.2f}) mm along ({u:z.5f}, {v:z.5f}), seen to {1e3 * measured.rms:.2f} mm (rms)")
     length = "" if tip_height is None else f"; the stroke is {measured.stroke_scale:.4f} times as long as the controller says"
     say(f"tip: radius {1e3 * measured.tip_radius:.2f} mm, {1e3 * measured.tip_height:.1f} mm over the table{length}")
     say(f"wrote {target}, {picture}")

@@ -95,8 +95,8 @@ def predict(
 def _lines(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     for number, row in enumerate(rows, 1):
         vx, vy, omega = row["twist"]
-        spread = math.degrees(row["spread"])
-        yield f"{number}: {row['mode']}, vx {vx:.5g} m, vy {vy:.5g} m, omega {omega:.5g} rad; 90 % within {spread:.1f} degrees"
+        motion = f"vx {vx:z.5g} m, vy {vy:z.5g} m, omega {omega:z.5g} rad"
+        yield f"{number}: {row['mode']}, {motion}; 90 % within {math.degrees(row['spread']):.1f} degrees"
 
 
 @app.command()
@@ -116,7 +116,7 @@ def stable(
             for holds, margin, probability in zip(*found, strict=True)
         ]
         lines = (
-            f"{number}: {'holds' if row['stable'] else 'slips'}, margin {row['margin']:.4f} of the support friction"
+            f"{number}: {'holds' if row['stable'] else 'slips'}, margin {row['margin']:z.4f} of the support friction"
             for number, row in enumerate(rows, 1)
         )
         answer(rows, json, lines)

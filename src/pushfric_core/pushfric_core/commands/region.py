@@ -110,11 +110,11 @@ def _lines(figures: dict[str, Any]) -> Iterator[str]:
     size = f"{figures['area'] * 1e4:.3g} cm^2"
     contradicted = f"collapsed: the observations contradict each other, by {figures['violation'] * 1e3:.2f} mm in all"
     yield f"region {contradicted if figures['collapsed'] else size}"
-    yield f"p_CF   ({x:.2f}, {y:.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}"
+    yield f"p_CF   ({x:z.2f}, {y:z.2f}) mm, {'contradicted least' if figures['collapsed'] else 'its middle'}"
     for push in figures["next_pushes"]:
-        where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
+        where = f"edge {push['edge']}, {push['offset'] * 1e3:z.1f} mm from its middle"
         yield f"next   {where}: expected to leave {push['expected_area'] * 1e4:.3g} cm^2"
     for push in figures["slip_pushes"][:SLIPS]:
-        where = f"edge {push['edge']}, {push['offset'] * 1e3:.1f} mm from its middle"
+        where = f"edge {push['edge']}, {push['offset'] * 1e3:z.1f} mm from its middle"
         yield f"slip   {where}, at {math.degrees(push['angle']):.0f} degrees: for mu_c"
     yield f"from   {data_of(figures['data_points'], figures['pushes'])}"

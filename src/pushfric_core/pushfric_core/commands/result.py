@@ -52,7 +52,7 @@ def _lines(figures: dict[str, Any], loss: Loss) -> Iterator[str]:
         yield "slip   " + ", ".join(f"{state} {count}" for state, count in figures["mu_c"]["slips"].items())
     yield f"from   {data_of(figures['data_points'], figures['pushes'])}"
     for one in figures["belief"]["rejected"]:
-        yield f"       push {one['push']} is left out: {one['reason']['text']}"
+        yield f"       push_id {one['push']} is left out: {one['reason']['text']}"
 
 
 def ledger_table(ledger: Ledger) -> Table:

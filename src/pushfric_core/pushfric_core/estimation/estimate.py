@@ -112,7 +112,7 @@ class Estimate:
         if not pushes:
             return "no w over the support points has the centre of friction that is asked for"
         given = " with the centre of friction that is asked for" if self.center_given else ""
-        return f"no w{given} lets the pusher push (f.n >= 0) in all of the pushes {', '.join(map(str, pushes))}"
+        return f"no w{given} lets the pusher push (f.n >= 0) in all of the pushes with push_id {', '.join(map(str, pushes))}"
 
     @cached_property
     def center_of_friction(self) -> Array:
@@ -182,7 +182,7 @@ class Estimate:
 
     def __repr__(self) -> str:
         x, y = 1e3 * self.center_of_friction
-        return f"<Estimate: p_CF ({x:.2f}, {y:.2f}) mm from {data_of(self.data_points, self.pushes)}, {self.status.value}>"
+        return f"<Estimate: p_CF ({x:z.2f}, {y:z.2f}) mm from {data_of(self.data_points, self.pushes)}, {self.status.value}>"
 
     def to_dict(self, object_name: str = "") -> dict[str, Any]:
         """All numbers, named as in the JSON of `pushfric estimate --json`: SI units, object frame (docs/files.md).

@@ -52,8 +52,8 @@ def draw_support_friction(axes: Any, estimate: "Estimate", belief: FrictionModel
         (estimate.w, estimate.center_of_friction) if belief is None else (belief.support.weights, belief.center_of_friction)
     )
     zero = w < 1e-3
-    axes.plot(*points[zero].T, "x", color=GREY, ms=5)
     axes.scatter(*points[~zero].T, s=AREA * w[~zero], color=ESTIMATE, alpha=0.8, lw=0, label="estimated $w$")
+    axes.plot(*points[zero].T, "x", color=GREY, ms=5, label="$w < 0.001$" if zero.any() else "")
     x, y = center * MILLIMETRE
     axes.plot(x, y, "+", color=ESTIMATE, ms=12, mew=2, label="estimated $p_{CF}$")
     if belief is not None and belief.covariance is not None:
@@ -108,8 +108,8 @@ def legend(axes: Any) -> None:
         bbox_to_anchor=(0.5, -0.14),
         ncols=5,
         fontsize=8,
-        columnspacing=1,
-        handletextpad=0.2,
+        columnspacing=0.8,
+        handletextpad=0.4,
         markerscale=0.5,
     )
 

@@ -72,7 +72,7 @@ def slip_pushes(outline: Outline, center: npt.ArrayLike) -> list[PlannedPush]:
         way = np.asarray(center) - (vertex + vector / 2)
         for side in (-1, 1):
             wanted = float(way @ along + side * LIKELY_MU * (way @ left_of(along)))
-            offset = round(min(max(wanted, -reach), reach), 6)
+            offset = round(min(max(wanted, -reach), reach), 6) + 0.0  # never -0.0
             push = PlannedPush(edge, offset, side * SHARP)
             if _reached(outline, push):
                 found.append((round(abs(wanted - offset), 6), -round(reach + side * offset, 6), push))
@@ -155,7 +155,8 @@ def _offsets(outline: Outline, edge: int, cells: Array) -> list[float]:
     middle = float((outline.vertices[edge] + outline.edges[edge] / 2) @ along)
     reach = USABLE * float(outline.lengths[edge]) / 2
     offsets = (min(max(_halving(cell, along) - middle, -reach), reach) for cell in cells)
-    return sorted({round(offset, 6) for offset in offsets})  # an object cannot be placed more precisely than to a micrometre
+    # an object cannot be placed more precisely than to a micrometre; never at -0.0
+    return sorted({round(offset, 6) + 0.0 for offset in offsets})
 
 
 def _reached(outline: Outline, push: PlannedPush) -> bool:

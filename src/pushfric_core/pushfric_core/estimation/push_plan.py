@@ -88,9 +88,10 @@ def index_of(push_id: int, count: int) -> int:
     return push_id % max(count, 1)
 
 
-def number_of(push_id: int, count: int) -> str:
-    """The number of a push in a plan of `count` pushes, for people: 3, and 3 (again) when it is repeated."""
-    return f"{index_of(push_id, count) + 1}" + " (again)" * (push_id >= count) if count else f"{push_id + 1}"
+def number_of(push_id: int, count: int | None) -> str:
+    """The number of a push for people: its place in a plan of `count` pushes, as 3, or 3 (again) when it is repeated; without a
+    plan its id."""
+    return f"{index_of(push_id, count) + 1}" + " (again)" * (push_id >= count) if count else f"{push_id}"
 
 
 def purpose_of(outline: Outline, push: PlannedPush, chosen: bool) -> str:

@@ -53,8 +53,8 @@ class Verdict:
         x, y = (1e3 * value for value in self.change.shift)
         since = self.change.since_push
         changed = (
-            f"the object is another one since push {since}, p_CF shifted by about ({x:.1f}, {y:.1f}) mm: its load "
-            f"was moved, or it was exchanged; start again from push {since}, with reset or by leaving the earlier "
+            f"the object is another one since push_id {since}, p_CF shifted by about ({x:z.1f}, {y:z.1f}) mm: its load "
+            f"was moved, or it was exchanged; start again from push_id {since}, with reset or by leaving the earlier "
             "pushes out"
         )
         return Reason("object_changed", changed), *self.mistakes
@@ -135,7 +135,7 @@ def _opposed(estimate: "Estimate") -> list[Reason]:
     x, y = (1e3 * center).tolist()
     text = (
         f"the half-planes contradict the program: in {100 * len(opposed) / lines:.0f} % of the observations, of {pushes} "
-        f"pushes, the object turns the other way than one with p_CF at ({x:.1f}, {y:.1f}) mm: the centre of friction that was "
-        "given must be wrong"
+        f"pushes, the object turns the other way than one with p_CF at ({x:z.1f}, {y:z.1f}) mm: the centre of friction that "
+        "was given must be wrong"
     )
     return [Reason("half_planes", text)]

@@ -78,7 +78,7 @@ class EstimatorSettings:
         estimator = dataclasses.replace(self, estimator=config).new_estimator(support_points)
         estimator.add(usable_by(estimator, data, warn))
         for push in estimator.rejected:
-            warn(f"push {push.push_id} is left out: {push.reason}")
+            warn(f"push_id {push.push_id} is left out: {push.reason}")
         return list(estimator.observations)
 
     def without(self, pushes: Iterable[int]) -> "EstimatorSettings":

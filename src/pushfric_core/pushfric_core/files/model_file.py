@@ -142,7 +142,7 @@ class ModelFile(Strict):
         """A line: the file itself is long."""
         x, y = (1e3 * value for value in self.belief.center_of_friction)
         made = f"{data_of(self.made.data_points, self.made.pushes)} in {self.made.source}"
-        return f"model of {self.object.name}: p_CF ({x:.2f}, {y:.2f}) mm, from {made}"
+        return f"model of {self.object.name}: p_CF ({x:z.2f}, {y:z.2f}) mm, from {made}"
 
     __repr__ = __str__
 

@@ -112,7 +112,7 @@ class FrictionModel:
     def __repr__(self) -> str:
         x, y = 1e3 * self.center_of_friction
         samples = f"{counted(len(self.w), 'sample')} over {counted(len(self.support_points), 'support point')}"
-        return f"<FrictionModel: p_CF ({x:.2f}, {y:.2f}) mm, mu_c {self.median_mu_c:.3f}, {samples}>"
+        return f"<FrictionModel: p_CF ({x:z.2f}, {y:z.2f}) mm, mu_c {self.median_mu_c:.3f}, {samples}>"
 
     @classmethod
     def of(cls, support: Support, mu_c: float) -> FrictionModel:

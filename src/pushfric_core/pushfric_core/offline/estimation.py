@@ -39,6 +39,7 @@ class Estimation(NamedTuple):
     data: list[Observation]  # all that were taken, in order of arrival, also those of pushes that are left out
     course: tuple[Estimate, ...]  # the last estimate, or the estimates after each of them
     ledger: Ledger  # what became of every message
+    planned: int | None  # pushes that were to be made; None: nobody says
 
     @property
     def result(self) -> Estimate:
@@ -97,4 +98,4 @@ def estimate_from(
     reading.settle(estimator)
     for note in course[-1].verdict.notes:
         warn(note.text)
-    return Estimation(recorded, model, settings, estimator, data, tuple(course), reading.ledger)
+    return Estimation(recorded, model, settings, estimator, data, tuple(course), reading.ledger, reading.plan.planned.number)

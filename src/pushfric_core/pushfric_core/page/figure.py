@@ -27,6 +27,7 @@ from pushfric_core.estimation.picture import (
     draw_support_friction,
     legend,
 )
+from pushfric_core.estimation.push_plan import number_of
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, transform
 from pushfric_core.geometry.table_1 import TableObject
@@ -54,6 +55,7 @@ def run_figure(
     truth: TableObject | None,
     slipping: Collection[int] = (),
     doubts: Sequence[str] = (),
+    planned: int | None = None,
 ) -> Figure:
     """Four panels: trajectories with contacts (Figure 3), w (Figure 5), mu_c (Figure 8), error of p_CF (Figure 11).
 
@@ -64,6 +66,7 @@ def run_figure(
         truth: the simulated object; None if it is not known: then the last panel shows p_CF itself instead of its error.
         slipping: ids of the pushes whose contact is known to slip; the figure marks their lower bounds on mu_c.
         doubts: about the data, in words; they stand above the panels.
+        planned: number of pushes that were to be made; None: nobody says.
     Returns:
         The figure, laid out, because that takes as long as to draw it.
     """
@@ -71,7 +74,7 @@ def run_figure(
         figure = Figure(figsize=(11, 8.4))
         figure.suptitle("\n".join(line for doubt in doubts for line in textwrap.wrap(doubt, 120)), fontsize="medium")
         trajectories, friction, contact, errors = figure.subplots(2, 2, height_ratios=(1, 1)).ravel()
-        _draw_trajectories(trajectories, outline, data)
+        _draw_trajectories(trajectories, outline, data, planned)
         _draw_support_friction(friction, outline, estimates[-1], truth)
         _draw_contact_friction(contact, estimates[-1], [one.push_id in slipping for one in data], truth)
         _draw_center_of_friction(errors, outline, estimates, truth)
@@ -79,7 +82,7 @@ def run_figure(
     return figure
 
 
-def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation]) -> None:
+def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation], planned: int | None) -> None:
     """Two pushes: the outline and the contact at each observation, or all contacts on the outline if the poses are unknown."""
     pushes = sorted({o.push_id for o in data if o.pose is not None})
     shown = [pushes[index] for index in sorted({len(pushes) // 5, len(pushes) - 1 - len(pushes) // 5})] if pushes else []
@@ -95,7 +98,7 @@ def _draw_trajectories(axes: Any, outline: Outline, data: Sequence[Observation])
             contact = transform(o.pose, o.contact_point) + (shift - left, 0)
             axes.plot(*(contact * MILLIMETRE), "o", color=INK, ms=3.5)
         shift += right - left + 0.02
-    title = f"Pushes {' and '.join(str(p + 1) for p in shown)}: object and contact at each observation"
+    title = f"Pushes {' and '.join(number_of(push, planned) for push in shown)}: object and contact at each observation"
     if not shown:
         axes.plot(*(closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
         axes.plot(*(np.array([o.contact_point for o in data]).T * MILLIMETRE), "o", color=ESTIMATE, ms=3.5, alpha=0.6)
@@ -149,7 +152,7 @@ def _draw_contact_friction(axes: Any, estimate: Estimate, slipping: Sequence[boo
         axes.set_xticks(
             [*np.arange(0, end, 0.5), end + BIN_WIDTH / 2], [*(f"{tick:g}" for tick in np.arange(0, end, 0.5)), f">{end:g}"]
         )
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=4, columnspacing=1.2, handlelength=1.0)
+    legend(axes)
 
 
 def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Estimate], truth: TableObject | None) -> None:
@@ -163,7 +166,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     unit = 100 / outline.size if known else np.full(2, MILLIMETRE)
     for k, (label, style) in enumerate((("x", "-"), ("y", "--"))):
         course = np.abs(centers[:, k] - truth.support.center_of_friction[k]) if truth is not None else centers[:, k]
-        axes.plot(counts, unit[k] * course, style, color=ESTIMATE, label=label)
+        axes.plot(counts, unit[k] * course, style, marker="." if len(counts) == 1 else "", color=ESTIMATE, label=label)
         told = np.isfinite(half[:, k])
         if known:
             axes.plot(np.array(counts)[told], unit[k] * half[told, k], style, color=GREY, lw=1, label=f"{label}, belief, 90 %")
@@ -183,7 +186,7 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     else:
         axes.set(title="Centre of friction, with 90 % intervals", xlabel="observations", ylabel="mm")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    axes.legend(ncols=2)
+    legend(axes)
 
 
 def _half_extents(estimate: Estimate) -> Array:

@@ -81,7 +81,6 @@ def told_again(
     yield begun | {"estimate": with_histogram(estimation.figures(), BoundsReport.of(estimation.result))}, b""
     believed = set(with_belief(estimation.course))
     belief: FrictionModel | None = None  # after the last push, or one of those before
-    planned = 0  # pushes
     ahead = deque(enumerate(zip(estimation.data, estimation.course, strict=True)))
     for name, msg in itertools.chain(estimation.recorded.messages(RECORD), [("", None)]):
         stamp = -1 if msg is None or name == FAULT else stamp_from_msg(msg.header.stamp)
@@ -98,7 +97,6 @@ def told_again(
         elif name == FAULT:
             yield story.on_fault(msg.data), b""
         elif msg is not None:
-            planned = msg.count
             yield story.on_plan(msg), b""
     yield story.on_settings(estimation.settings.to_text()), b""
     svg = io.StringIO()
@@ -110,7 +108,7 @@ def told_again(
             "files": {name: text for name, text in files.items() if text},
             "data": os.path.relpath(source.resolve(), file.resolve().parent) if file else "",
             "tables": {
-                "predictions": _predictions(estimation, planned),
+                "predictions": _predictions(estimation),
                 "account": {
                     "heads": ["", *estimation.ledger.sums()],
                     "rows": [*estimation.ledger.rows(), *([f"✗ {line}"] for line in estimation.ledger.lines)],
@@ -171,8 +169,8 @@ def _inline(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-def _predictions(estimation: Estimation, planned: int) -> Change:
-    """The motion of the last pushes, predicted from those before them; `planned` pushes were to be made, 0: nobody says."""
+def _predictions(estimation: Estimation) -> Change:
+    """The motion of the last pushes, predicted from those before them."""
     pushes: dict[int, list[Observation]] = {}
     for one in estimation.estimator.observations:
         pushes.setdefault(one.push_id, []).append(one)
@@ -195,7 +193,7 @@ def _predictions(estimation: Estimation, planned: int) -> Change:
         text += f" {model.limit[0].upper()}{model.limit[1:]}."
     rows = [
         [
-            number_of(push, planned),
+            number_of(push, estimation.planned),
             len(one.angles),
             _degrees(one.angles),
             _degrees(one.spreads),
@@ -237,4 +235,5 @@ def _table_of(estimation: Estimation) -> str:
 def figure_of(estimation: Estimation, known: TableObject | None = None) -> Figure:
     """The figure of a run under what is in doubt, with the truth if the object is known."""
     data, doubts = estimation.estimator.observations, [one.text for one in estimation.ledger.doubts]
-    return run_figure(estimation.model.outline, estimation.course, data, known, estimation.settings.slipping, doubts)
+    slipping, planned = estimation.settings.slipping, estimation.planned
+    return run_figure(estimation.model.outline, estimation.course, data, known, slipping, doubts, planned)

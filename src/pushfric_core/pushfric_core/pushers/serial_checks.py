@@ -62,7 +62,7 @@ def check_controller(serial: SerialSettings, config: PusherConfig) -> tuple[Chec
             advice = f"{serial.dialect().sign_of_life}; docs/hardware.md lists what can go wrong"
             return Check("controller", Grade.FAILED, str(error), advice), None
         position = last.position if last is not None else math.nan
-        finding = f"{pusher.name}, {pusher.mode.value}" + (f", at {1e3 * position:.1f} mm" if not config.home else "")
+        finding = f"{pusher.name}, {pusher.mode.value}" + (f", at {1e3 * position:z.1f} mm" if not config.home else "")
         at_rest = pusher.mode in (Mode.IDLE, Mode.ALARM)
         return judge(pusher.mode, position, finding, config), pusher.limits if at_rest else None
 

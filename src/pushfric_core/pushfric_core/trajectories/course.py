@@ -151,13 +151,14 @@ class Course:
 
         # what was given up is left out, and need not be whole
         pushes = [one for one in self.pushes if one.push_id not in planned.left_out]
-        yield from self._of_poses(pushes, poses, config, observations, numbered, ended)
+        yield from self._of_poses(pushes, poses, config, observations, planned, numbered, ended)
         # where no state is missing, one came late: the tip was where its neighbours say
-        yield from self._of_states(pushes, [] if numbered else states.pauses, observations, ended)
+        yield from self._of_states(pushes, [] if numbered else states.pauses, observations, planned, ended)
         for one in pushes:
             time = one.last.stamp - one.first.stamp
             if not numbered and time > SELDOM * NANOSECONDS * one.states:
-                text = f"only {counted(one.states, 'pusher state')} came in the {seconds(time)} of {_named([one.push_id])}"
+                name = _named([one.push_id], planned)
+                text = f"only {counted(one.states, 'pusher state')} came in the {seconds(time)} of {name}"
                 yield Doubt(DoubtCode.STATES_MISSING, text, one.first.stamp, observations(time))
         yield from self._of_motion(pushes, config, planned, ended)
         common = _common(poses.pauses, states.pauses)
@@ -182,6 +183,7 @@ class Course:
         stream: "Stream[PoseSample]",
         config: "TrajectoryConfig",
         observations: Observations,
+        planned: Planned,
         numbered: bool,
         ended: bool,
     ) -> Iterator[Doubt]:
@@ -201,7 +203,7 @@ class Course:
             unseen = [(one.push_id, time) for one, time in zip(touched, times, strict=True) if time > limit]
             if unseen:
                 time = sum(time for _, time in unseen)
-                text = f"no pose came for {seconds(time)} of {_named([push_id for push_id, _ in unseen])}"
+                text = f"no pose came for {seconds(time)} of {_named([push_id for push_id, _ in unseen], planned)}"
                 stamp = max(before, touched[0].first.stamp)
                 yield Doubt(DoubtCode.POSES_MISSING, text, stamp, sum(observations(time) for _, time in unseen))
             elif lost and touched:
@@ -211,12 +213,12 @@ class Course:
             yield Doubt(DoubtCode.POSES_DROPPED, text, since, 0 if numbered else dropped // config.stride)
 
     def _of_states(
-        self, pushes: Sequence[Push], pauses: Sequence[Pause], observations: Observations, ended: bool
+        self, pushes: Sequence[Push], pauses: Sequence[Pause], observations: Observations, planned: Planned, ended: bool
     ) -> Iterator[Doubt]:
         """Pushes whose beginning or end no state shows, and those with a pause."""
         after_pause = {one.after for one in pauses}
         for push in pushes:
-            first, last, before, after, name = push.first, push.last, push.before, push.after, _named([push.push_id])
+            first, last, before, after, name = push.first, push.last, push.before, push.after, _named([push.push_id], planned)
             if before is None:
                 late = first.speed > RESTS
             elif first.stamp in after_pause:
@@ -237,7 +239,7 @@ class Course:
         for start, end, _ in pauses:
             rank = bisect_right(begins, start) - 1
             if rank >= 0 and end <= pushes[rank].last.stamp and end - start > SILENT * NANOSECONDS:
-                text = f"no pusher state came for {seconds(end - start)} of {_named([pushes[rank].push_id])}"
+                text = f"no pusher state came for {seconds(end - start)} of {_named([pushes[rank].push_id], planned)}"
                 yield Doubt(DoubtCode.STATES_MISSING, text, start, observations(end - start))
         last_state = self._last
         if ended and self.pushes and last_state is not None and last_state.push_id is None and abs(last_state.speed) > RESTS:
@@ -251,8 +253,8 @@ class Course:
         few = [(one, number) for one, number in zip(told, lacking, strict=True) if number >= max(MISSED, one.made)]
         if few:
             made, lost = sum(one.made for one, _ in few), sum(number for _, number in few)
-            which = f"push {', '.join(str(one.push_id + 1) for one, _ in few)}"
-            text = f"{which} moved the object, but gave {counted(made, 'observation')}, about {lost} too few"
+            names = ", ".join(_named([one.push_id], planned) for one, _ in few)
+            text = f"{names} moved the object, but gave {counted(made, 'observation')}, about {lost} too few"
             text = f"{text}: tip or object is not where it is said to be, or too slow"
             yield Doubt(DoubtCode.FEW_OBSERVATIONS, text, few[0][0].first.stamp, lost)
 
@@ -264,7 +266,7 @@ class Course:
             ids = ids[:1] if planned.number is None else ids[: max(1, len(ids) - 1)]
         for before, missing in _missing_ids(ids, planned):
             stamp = max((one.last.stamp for one in self.pushes if one.push_id == before), default=self.pushes[0].first.stamp)
-            text = f"{_named(missing)} {'is' if len(missing) == 1 else 'are'} missing: the ids of the pushes jump"
+            text = f"{_named(missing, planned)} {'is' if len(missing) == 1 else 'are'} missing: the ids of the pushes jump"
             yield Doubt(DoubtCode.PUSHES_MISSING, text, stamp, observations(usual) * len(missing))
 
 
@@ -310,9 +312,10 @@ def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, li
                 yield before, missing
 
 
-def _named(ids: Collection[int]) -> str:
-    """Pushes that follow each other, for people, who count from 1."""
-    first, last = min(ids) + 1, max(ids) + 1
+def _named(ids: Collection[int], planned: Planned) -> str:
+    """Pushes that follow each other, for people: in a plan they are counted from 1, without one they have their ids."""
+    counted_from = 0 if planned.number is None else 1
+    first, last = min(ids) + counted_from, max(ids) + counted_from
     return f"push {first}" if first == last else f"pushes {first} to {last}"
 
 

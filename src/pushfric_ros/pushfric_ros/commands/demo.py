@@ -135,12 +135,12 @@ def print_summary(name: str, msg: FrictionEstimate) -> None:
         table.add_row(
             escape(f"p_CF {label} [mm]"),
             f"{center[axis] * 1e3:z.2f}",
-            f"{true[axis] * 1e3:.2f}",
+            f"{true[axis] * 1e3:z.2f}",
             f"{error * 1e3:.2f} ({100 * error / size[axis]:.2f} % of the side)",
         )
     friction = msg.contact_friction
     if np.isnan(friction.value):
-        table.add_row("mu_c", f"{friction.p90:.2f} to {friction.max:.2f}", f"{known.mu_c:.2f}", "lower bounds")
+        table.add_row("mu_c", f"over {friction.low:.2f}", f"{known.mu_c:.2f}", "lower bound")
     else:
         error = abs(friction.value - known.mu_c)
         table.add_row("mu_c", f"{friction.value:.2f}", f"{known.mu_c:.2f}", f"{error:.2f} ({100 * error / known.mu_c:.0f} %)")
@@ -150,8 +150,8 @@ def print_summary(name: str, msg: FrictionEstimate) -> None:
         claim = f"the estimate claims to be within {msg.confidence * 1e3:.2f} mm of it with 90 % probability"
         console.print(f"The true p_CF is {off * 1e3:.2f} mm from the estimated one; {claim}.", highlight=False)
     if np.isnan(friction.value):
-        bounds = f"90 % of the lower bounds lie at or below {friction.p90:.2f}, the largest is {friction.max:.2f}"
-        console.print(f"These pushes bound mu_c only from below: {bounds}.", highlight=False)
+        bound = f"it is at least {friction.low:.2f} with 90 % probability"
+        console.print(f"These pushes bound mu_c only from below: {bound}.", highlight=False)
     else:
         interval = f"between {friction.low:.2f} and {friction.high:.2f} with 90 % probability"
         console.print(f"By the pushes that slipped, mu_c lies {interval}.", highlight=False)

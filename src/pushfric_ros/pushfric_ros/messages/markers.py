@@ -60,7 +60,7 @@ def estimate_to_markers(estimate: FrictionEstimate, outline: Outline, newest: Ob
     reach = 2 * SYMBOL * size
     edges = friction_cone(normal, min(friction.p90, STEEPEST))
     above = outline.lower + outline.size * (0.5, 1.0) + (0.0, TEXT * size)
-    words = f"{estimate.object}: mu_c {friction.p90:.2f} (90 %), {friction.max:.2f} (100 %)"
+    words = f"{estimate.object}: mu_c bounds {friction.p90:.2f} (90 %), {friction.max:.2f} (100 %)"
     markers = [
         _line("outline", (*outline.vertices, outline.vertices[0]), LINE * size, WHITE),
         Marker(ns="support_points", type=Marker.SPHERE_LIST, points=_points(points), scale=_cube(DOT * size), color=GREY),

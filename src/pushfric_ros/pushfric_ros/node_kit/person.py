@@ -35,8 +35,8 @@ def line(state: PusherState) -> str:
 
     push = "" if state.push_id == PusherState.NO_PUSH else f", push {state.push_id}"
     doubt = " (in doubt" + (f", reported {state.age:.1f} s ago)" if state.age else ")") if state.in_doubt else ""
-    place = f"{state.position * 1e3:.3f} mm{doubt}"
-    return f"{MODE_NAMES.get(state.mode, state.mode)} at {place}, {state.speed * 1e3:.2f} mm/s{push}"
+    place = f"{state.position * 1e3:z.3f} mm{doubt}"
+    return f"{MODE_NAMES.get(state.mode, state.mode)} at {place}, {state.speed * 1e3:z.2f} mm/s{push}"
 
 
 class Person(contextlib.AbstractContextManager["Person"]):

@@ -251,7 +251,7 @@ export function drawFriction(svg, estimate) {
     for (const [value, label] of [[mu.p90, "90 %"], [mu.max, "100 %"]]) {
       const u = to(number(value));
       parts.push(made("path", { class: "bound", d: `M${u} ${base}V${top - 4}` }));
-      parts.push(made("text", { x: u, y: top - 10, dy: label === "90 %" ? "-1.2em" : 0, "text-anchor": u > right - 40 ? "end" : "middle", class: "strong" }, `${label}: ${number(value) === Infinity ? "∞" : number(value).toFixed(2)}`));
+      parts.push(made("text", { x: u, y: top - 10, dy: label === "90 %" ? "-1.2em" : 0, "text-anchor": u > right - 40 ? "end" : u < left + 40 ? "start" : "middle", class: "strong" }, `${label}: ${number(value) === Infinity ? "∞" : number(value).toFixed(2)}`));
     }
     const [low, high] = (its?.interval ?? []).map(number);
     if (Number.isFinite(low)) {

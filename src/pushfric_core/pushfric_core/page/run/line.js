@@ -47,8 +47,9 @@ export function drawCursors(svg, run, to, shown, pinned) {
   for (const [moment, kind] of [[pinned, "cursor pinned"], [shown, "cursor"]]) {
     if (moment) parts.push(made("path", { class: kind, d: `M${to(moment.index)} ${TOP - 4}V${height - FOOT}` }));
   }
+  const at = { ...(shown ?? run.moments.at(-1)), known: run.estimateAt(shown) }; // that of now is not one of a push that was left out since
   TRACKS.forEach(([name, unit, value], track) => {
-    const at = shown ?? run.moments.at(-1), found = at ? value(at) : NaN;
+    const found = value(at);
     const text = made("text", { class: "strong", x: PAD, y: TOP + track * (TALL + LABEL) + 16 }, `${name} `);
     text.append(made("tspan", { class: "value_text" }, Number.isFinite(found) ? `${found < 10 ** (SMALLEST - DECADES) ? 0 : +found.toPrecision(2)}${unit}` : "–"));
     parts.push(text);

@@ -75,10 +75,10 @@ export class Run {
     return this.#parts.get(`push/${number}`);
   }
 
-  /** The number of a push: its place in the plan, and whether it was repeated; push_plan.number_of says the same. */
+  /** The number of a push: its place in the plan, and whether it was repeated, or else its id; push_plan.number_of says the same. */
   numberOf(push) {
     const count = this.story.plan?.count;
-    return count ? `${push % count + 1}${push >= count ? " (again)" : ""}` : `${push + 1}`;
+    return count ? `${push % count + 1}${push >= count ? " (again)" : ""}` : `${push}`;
   }
 
   /** The estimate after a moment; without one, or at the end of a run that is over, the last estimate. */

@@ -30,6 +30,11 @@ const mm = (metres, digits = 2) => (Number.isFinite(number(metres)) ? plain(numb
 const unsigned = (text) => text.replace(/^-(0\.?0*)$/, "$1"); // a zero has no sign
 const plain = (value, digits = 2) => (number(value) === Infinity ? "∞" : Number.isFinite(number(value)) ? unsigned(number(value).toFixed(digits)) : "–");
 const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
+// mu_c as it is believed, with the command line's digits
+const friction = (estimate) => {
+  const { value, interval } = estimate?.belief.mu_c ?? {};
+  return known(value) ? plain(value, 3) : interval ? `≥ ${plain(interval[0], 3)}` : "–";
+};
 const momentOf = (n) => run.moments.find((moment) => moment.n === n);
 // What is shown: a moment, or undefined, which is the present
 const shown = () => momentOf(chosen) ?? (connection === "over" ? run.moments.at(-1) : undefined);
@@ -214,12 +219,12 @@ function drawNow() {
   at("details").hidden = !plan?.details;
   write("technical", plan?.details ?? "");
   at("now").className = connection === "live" && plan?.phase !== "silent" ? plan?.phase ?? "" : connection === "over" ? "finished" : "lost";
+  at("now").classList.toggle("unusable", estimate?.belief.verdict.use === false);
   at("progress").parentElement.hidden = !plan;
   if (plan) {
-    const done = plan.completed + plan.aborted + plan.skipped;
     at("progress").max = Math.max(1, plan.count);
     at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
-    at("count").textContent = `${done} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")}${plan.aborted ? `, ${plan.aborted} of them aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
+    at("count").textContent = `${plan.completed} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")} done${plan.aborted ? `, ${plan.aborted} aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
   }
   document.querySelector(".numbers").classList.toggle("old", story.outdated);
   if (story.outdated) {
@@ -229,7 +234,7 @@ function drawNow() {
   const verdict = estimate?.belief.verdict;
   at("trust").textContent = !verdict ? "" : verdict.use ? "✓ The estimate may be used." : `✗ Do not use the estimate yet: ${textOf(verdict.reasons)}`;
   if (verdict?.notes.length) at("trust").textContent += ` To be put right: ${textOf(verdict.notes)}.`;
-  if (known(estimate?.belief.change)) at("trust").textContent += ` The object seems to be another one since push ${estimate.belief.change.since_push + 1}.`;
+  if (known(estimate?.belief.change)) at("trust").textContent += ` The object seems to be another one since push ${run.numberOf(estimate.belief.change.since_push)}.`;
 }
 
 function drawTime(moment, compared) {
@@ -267,7 +272,7 @@ function drawComparison(compared, moment) {
     ["p_CF x [mm]", 2, (estimate) => 1e3 * number(believed(estimate)?.[0])],
     ["p_CF y [mm]", 2, (estimate) => 1e3 * number(believed(estimate)?.[1])],
     ["p_CF within [mm]", 2, (estimate) => 1e3 * number(estimate?.belief.radius)],
-    ["μ_c", 3, (estimate) => number(estimate?.belief.mu_c?.value ?? estimate?.mu_c.p90)],
+    ["μ_c, or its lower bound", 3, (estimate) => number(estimate?.belief.mu_c?.value ?? estimate?.belief.mu_c?.interval[0])],
     ["fit error / observation [mm]", 3, (estimate) => (1e3 * number(estimate?.objective)) / estimate?.data_points],
     ["prediction off by [°]", 1, (_, { off }) => number(off)],
   ];
@@ -299,10 +304,9 @@ function drawNumbers(estimate) {
   const [x, y] = believed(estimate) ?? [];
   unit("center", estimate ? `${mm(x)}, ${mm(y)}` : "–", "mm");
   at("confidence").textContent = known(estimate?.belief.radius) ? `off by at most ${mm(estimate.belief.radius)} mm, with 90 %` : "";
-  const mu = estimate?.mu_c, its = estimate?.belief.mu_c;
-  const measured = known(its?.value);
-  at("mu").textContent = !mu ? "–" : measured ? plain(its.value) : `≥ ${plain(mu.p90)}`;
-  at("mu_kind").textContent = !mu ? "" : measured ? `${plain(its.interval[0])} to ${plain(its.interval[1])} with 90 %, from ${its.kind}` : "a lower bound (90 % of the observations)";
+  const mu = estimate?.belief.mu_c;
+  at("mu").textContent = friction(estimate);
+  at("mu_kind").textContent = !mu ? "" : known(mu.value) ? `${plain(mu.interval[0], 3)} to ${plain(mu.interval[1], 3)} with 90 %, from ${mu.kind}` : "a lower bound, with 90 %";
   unit("fit", estimate ? mm(estimate.objective, 3) : "–", "mm");
   at("certified").textContent = estimate ? `${estimate.status}; certified to ${Number((number(estimate.gap) * 1e3).toPrecision(1))} mm` : "";
   unit("points", estimate ? `${estimate.data_points}` : "–", estimate?.data_points === 1 ? "observation" : "observations");
@@ -399,7 +403,7 @@ function drawTable() {
     if (!line) {
       line = document.createElement("tr");
       line.dataset.push = row.push;
-      for (const label of ["push", "observations", "p_CF x [mm]", "p_CF y [mm]", "μ_c 90 %", "fit error [mm]", "verdict", ""]) {
+      for (const label of ["push", "observations", "p_CF x [mm]", "p_CF y [mm]", "μ_c", "fit error [mm]", "verdict", ""]) {
         const cell = line.insertCell();
         if (label) cell.dataset.label = label;
       }
@@ -413,7 +417,7 @@ function drawTable() {
       lines.set(row.push, line);
     }
     const { after } = row, [verdict, bad] = judged(row);
-    const texts = [run.numberOf(row.push), row.moments.length, mm(believed(after)?.[0]), mm(believed(after)?.[1]), plain(after?.mu_c.p90), mm(after?.objective, 3), verdict];
+    const texts = [run.numberOf(row.push), row.moments.length, mm(believed(after)?.[0]), mm(believed(after)?.[1]), friction(after), mm(after?.objective, 3), verdict];
     const out = row.excluded || Boolean(rejectionOf(row)), button = line.lastChild.firstChild;
     const now = [...texts, out, connection].join();
     if (line.now === now) return; // to ask a thousand lines what they show takes longer than a frame

@@ -193,7 +193,7 @@ def check_object(cell: CellFile, camera: Camera, model: ObjectModel, image: Imag
         advice = "lay it in the picture, alone; `./pushfric edit OBJECT --picture SOURCE --camera FILE` shows what is seen"
         return Check("object", Grade.WARNING, finding, advice)
     x, y = 1e3 * sighting.pose.x, 1e3 * sighting.pose.y
-    finding = f"{model.name} is seen at ({x:.0f}, {y:.0f}) mm, edges fit to {sighting.residual_px:.2f} px"
+    finding = f"{model.name} is seen at ({x:z.0f}, {y:z.0f}) mm, edges fit to {sighting.residual_px:.2f} px"
     if isinstance(cell.tracker, ContourConfig) and model.outline.is_its_mirror_image:
         finding += "; it looks the same in a mirror: only with markers, the tracker would notice a mirrored picture"
     return Check("object", Grade.OK, finding)

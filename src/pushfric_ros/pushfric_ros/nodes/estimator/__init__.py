@@ -316,7 +316,7 @@ class EstimatorNode(Node):
             (Level.WARN, max(ledger.doubts, key=lambda one: one.stamp).text if ledger.doubts else ""),
             (Level.OK if begun else Level.WARN, reasons),
             (Level.WARN, notes),
-            (Level.OK, "; ".join(f"push {one.push_id} is left out: {one.reason}" for one in verdict.rejected)),
+            (Level.OK, "; ".join(f"push_id {one.push_id} is left out: {one.reason}" for one in verdict.rejected)),
             (Level.OK, "estimating" if estimate is not None else "waiting for observations"),
         ]
         return next(Health(level, text, values) for level, text in words if text)

@@ -190,7 +190,7 @@ class ExperimentNode(Node):
         self._object.poses.clear()
         self._placement_out.publish(msg)
         turned = 180 - (180 - round(math.degrees(wanted.theta))) % 360
-        where = f"x {wanted.x * 1e3:.0f} mm, y {wanted.y * 1e3:.0f} mm, turned by {turned} degrees"
+        where = f"x {wanted.x * 1e3:z.0f} mm, y {wanted.y * 1e3:z.0f} mm, turned by {turned} degrees"
 
         def misplaced() -> str | None:
             if operator.choice is not None or self._pusher.hindrance() is not None:
