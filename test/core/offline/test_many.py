@@ -114,6 +114,19 @@ def test_a_bag_that_does_not_add_up_is_not_usable(tmp_path):
         assert ("push 6 is missing" in run.stderr) == bool(code)
 
 
+def test_a_bag_keeps_its_own_object_among_many_and_another_one_is_told(tmp_path):
+    write_pushes(tmp_path / "data.csv", 1)
+    invoked("estimate", BAG, tmp_path / "data.csv", "--object", NAME, "--out", tmp_path / "out", "--jobs", 1)
+    rows = table_of(tmp_path / "out")
+    assert {name: row["object"] for name, row in rows.items()} == {"data.csv": NAME, BAG.name: "rubber_rect4"}
+    other = tmp_path / "other.yaml"
+    other.write_text((BAG / "object.yaml").read_text().replace("rubber_rect4", "brick"))
+    told = f"{BAG}: its own object 'rubber_rect4' is not used, but the given 'brick'"
+    for given, said in ((other, True), ("rubber_rect4", False)):
+        run = invoked("estimate", BAG, "--object", given)
+        assert (run.exit_code, told in " ".join(run.stderr.split())) == (0, said)
+
+
 def test_a_run_goes_on_where_it_was(inputs, tmp_path):
     out = tmp_path / "out"
     arguments = ("estimate", inputs, "--object", NAME, "--out", out, "--jobs", 1)

@@ -52,7 +52,7 @@ def region(
 ) -> None:
     if source is None and not object_name:
         raise InvalidInput(f"give a bag, or --object OBJ.yaml or one of {', '.join(TABLE_1)}")
-    model = load_object(object_name) if source is None else object_of(source, object_name)[0]
+    model = load_object(object_name) if source is None else object_of(source, object_name, warn)[0]
     recorded = None if source is None else Recorded(source, namespace)
     settings = EstimatorSettings() if recorded is None else recorded.settings
     with blaming():

@@ -22,10 +22,11 @@ from functools import partial
 from typing import Any, TypeVar
 
 from pushfric_core import __version__
-from pushfric_core.bags.recorded import bags_in, is_bag
+from pushfric_core.bags.recorded import bags_in, beside, is_bag
 from pushfric_core.errors import InvalidInput, PushfricError, blaming
 from pushfric_core.files.disk import writing
 from pushfric_core.files.model_file import save_model
+from pushfric_core.files.object_file import OBJECT_FILE
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.records import to_json
 
@@ -69,7 +70,8 @@ def estimate_many(
 
     Args:
         inputs: bags and CSVs.
-        choices: what the caller chose, the same for every input; paths in it are absolute.
+        choices: what the caller chose, the same for every input, but a bag with an object of its own keeps that; paths in it are
+            absolute.
         out: folder for the lines and models; created if it does not exist.
         jobs: processes on this machine; -1: one for each core.
         dask: address of the scheduler of a Dask cluster, whose workers see the same files; None: this machine.
@@ -203,7 +205,8 @@ def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Pat
     try:
         if path.exists() and not path.is_file() and not path.is_dir():  # reading a pipe might never end
             raise InvalidInput(f"{path}: is a pipe or a device; expected a bag or a CSV of observations")
-        estimation = estimate_from(path, choices, warnings.append)
+        own = beside(path, OBJECT_FILE) is not None
+        estimation = estimate_from(path, dataclasses.replace(choices, object_name="") if own else choices, warnings.append)
         line |= estimation.figures()
         line["doubts"] = [] if choices.partial else [one._asdict() for one in estimation.ledger.doubts]
         if estimation.result.contradiction is None:
