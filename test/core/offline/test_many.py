@@ -7,11 +7,10 @@ import os
 import pathlib
 import shutil
 import subprocess
-import sys
 
 import numpy as np
 import pytest
-from calls import invoked
+from calls import PROGRAM, invoked
 from cluster import local_cluster
 from problems import observations_of
 from semantic_damage import Recording
@@ -48,7 +47,7 @@ def inputs(tmp_path):
 
 
 def estimate(*arguments):
-    command = [sys.executable, "-m", "pushfric_core", "estimate", *map(str, arguments)]
+    command = [*PROGRAM, "estimate", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=240, stdin=subprocess.DEVNULL, check=False)
 
 
@@ -141,12 +140,24 @@ def test_a_run_goes_on_where_it_was(inputs, tmp_path):
     kept = (out / "results.jsonl").read_text().splitlines()
     assert kept[:4] == lines[:4]
     assert sorted(json.loads(line)["input"] for line in kept[5:]) == [json.loads(line)["input"] for line in sorted(lines[4:])]
-    # an input that has changed is estimated again, and so is every input with other settings
+    # an input that has changed is estimated again, and so is one that failed, and every input with other settings
     os.utime(inputs / "run_0.csv", (1, 1))
     invoked(*arguments)
-    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 1
+    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 2
     invoked(*arguments, "--loss", "l2")
-    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 8
+    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 9
+
+
+def test_what_the_disk_refused_is_tried_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # a model is named by its path from here
+    write_pushes(tmp_path / "data.csv", 1)
+    models = tmp_path / "out/models"
+    models.mkdir(parents=True)
+    (models / f".data.yaml.{os.getpid()}").symlink_to("/dev/full")  # the draft of the model
+    arguments = ("estimate", "data.csv", "--object", NAME, "--out", "out", "--jobs", 1)
+    assert "No space left on device" in " ".join(invoked(*arguments).stderr.split())
+    assert invoked(*arguments).exit_code == 0
+    assert (models / "data.yaml").is_file()
 
 
 def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):

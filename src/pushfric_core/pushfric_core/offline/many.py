@@ -70,8 +70,8 @@ def estimate_many(
 
     Args:
         inputs: bags and CSVs.
-        choices: what the caller chose, the same for every input, but a bag with an object of its own keeps that; paths in it are
-            absolute.
+        choices: what the caller chose, the same for every input, but a bag with an object of its own keeps that; paths in it
+            are absolute.
         out: folder for the lines and models; created if it does not exist.
         jobs: processes on this machine; -1: one for each core.
         dask: address of the scheduler of a Dask cluster, whose workers see the same files; None: this machine.
@@ -169,7 +169,10 @@ def fingerprint(path: pathlib.Path, choices: Choices) -> str:
 
 
 def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> dict[str, Line]:
-    """The lines of an earlier run that are still valid, by input; the last one of each counts."""
+    """The lines of an earlier run that are still valid, by input; the last one of each counts.
+
+    What failed is tried again: the reason may have been the disk, the memory or a package, and lie in no input.
+    """
     lines: dict[str, Line] = {}
     written = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
     for text in written.splitlines():
@@ -177,8 +180,8 @@ def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> dict[str, Line]:
             line = json.loads(text)
         except (ValueError, RecursionError):
             continue  # an interrupted run leaves half a line
-        known = isinstance(line, dict) and isinstance(line.get("input"), str)
-        if known and wanted.get(line["input"], "") == line.get("fingerprint") and line.get("checksum") == _checksum(line):
+        usable = isinstance(line, dict) and isinstance(line.get("input"), str) and "error" not in line
+        if usable and wanted.get(line["input"], "") == line.get("fingerprint") and line.get("checksum") == _checksum(line):
             lines[line["input"]] = line
     return lines
 
