@@ -6,11 +6,12 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 
 import numpy as np
 import pytest
-from calls import PROGRAM, invoked
+from calls import PROGRAM, invoked, wait_until
 from cluster import local_cluster
 from problems import observations_of
 from semantic_damage import Recording
@@ -158,6 +159,20 @@ def test_what_the_disk_refused_is_tried_again(tmp_path, monkeypatch):
     assert "No space left on device" in " ".join(invoked(*arguments).stderr.split())
     assert invoked(*arguments).exit_code == 0
     assert (models / "data.yaml").is_file()
+
+
+def test_ctrl_c_while_the_workers_load_is_quiet(inputs, tmp_path):
+    arguments = ("estimate", inputs, "--object", NAME, "--out", tmp_path / "out", "--jobs", 2)
+    with subprocess.Popen([*PROGRAM, *map(str, arguments)], stderr=subprocess.PIPE, text=True, start_new_session=True) as run:
+        children = pathlib.Path(f"/proc/{run.pid}/task/{run.pid}/children")
+
+        def a_worker_has_begun_to_load() -> bool:
+            return any("/numpy/" in pathlib.Path(f"/proc/{pid}/maps").read_text() for pid in children.read_text().split())
+
+        wait_until(a_worker_has_begun_to_load)
+        os.killpg(run.pid, signal.SIGINT)
+        _, said = run.communicate(timeout=60)
+    assert (run.returncode, "Traceback" in said) == (130, False)
 
 
 def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):

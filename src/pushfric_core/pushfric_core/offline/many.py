@@ -258,7 +258,12 @@ def _on_this_machine(work: Callable[[Argument], Result], arguments: Iterable[Arg
     # started from nothing: a fork would copy locks that the threads of this process may hold
     pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _end_with, (os.getpid(),))
     try:
-        for future in as_completed([pool.submit(work, argument) for argument in arguments]):
+        held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as workers inherit it: this process ends them
+        try:
+            futures = [pool.submit(work, argument) for argument in arguments]
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, held)
+        for future in as_completed(futures):
             yield future.result()
     except BrokenProcessPool as error:
         raise WorkerKilled("a worker process was killed; perhaps memory ran out: try fewer --jobs") from error
@@ -267,8 +272,7 @@ def _on_this_machine(work: Callable[[Argument], Result], arguments: Iterable[Arg
 
 
 def _end_with(parent: int) -> None:
-    """Let this worker process end with its parent, even if the parent is killed; on Ctrl-C, the parent ends it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Let this worker process end with its parent, even if the parent is killed."""
 
     def watch() -> None:
         while os.getppid() == parent:
