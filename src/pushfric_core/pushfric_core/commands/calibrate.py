@@ -15,7 +15,7 @@ from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import NamespaceOption
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.frames import borrowed, frames_from
-from pushfric_core.commands.options import JsonOption
+from pushfric_core.commands.options import ForceFlag, JsonOption, permit
 from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput, blaming
@@ -171,7 +171,7 @@ def tip(
         float, typer.Option(help="Speed of the pusher between two pictures [m/s].", **in_range(0.0001, 1.0, "m/s"))
     ] = 0.01,
     out: Annotated[pathlib.Path | None, typer.Option(help=f"Folder to write {PUSHER_FILE} to, in place of CELL.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files without asking.")] = False,
+    force: ForceFlag = False,
     json: JsonOption = None,
 ) -> None:
     """Find the pushing line. Take the object away. The pusher goes slowly along its stroke and back, and rests for each
@@ -184,7 +184,9 @@ def tip(
         lacking = "camera" if file.camera is None else "pusher"
         raise InvalidInput(f"{cell}: a camera measures where the pusher goes, expected the section {lacking}")
     target = cell if out is None else out / PUSHER_FILE
-    _permit(target, force)
+    if not target.parent.is_dir():
+        raise InvalidInput(f"{target.parent}: no such folder")
+    permit(target, force, "Replace what is measured in it?", "--out FOLDER to write elsewhere")
     camera, source = load_camera(file.camera.calibration), source or file.camera.source
     frames = frames_from(source, file.namespace, (camera.width, camera.height), file.discovery)
     with telling_what_is_left(lambda: "nothing was written"):
@@ -264,18 +266,3 @@ def _cell_text(path: pathlib.Path, values: Mapping[str, Value]) -> str:
         return with_values(text, "pusher", values)
     except ValueError as error:
         raise InvalidInput(f"{path}: {error}; with --out FOLDER, the entries go into a file of their own") from error
-
-
-def _permit(target: pathlib.Path, force: bool) -> None:
-    """Ask before a file is overwritten; this comes before anything is measured.
-
-    Raises:
-        InvalidInput: the folder does not exist; or the file exists, and there is no terminal to ask.
-    """
-    if not target.parent.is_dir():
-        raise InvalidInput(f"{target.parent}: no such folder")
-    if force or not target.exists():
-        return
-    if not sys.stdin.isatty():
-        raise InvalidInput(f"{target} exists: give --force, or --out FOLDER to write elsewhere")
-    typer.confirm(f"{target} exists. Replace what is measured in it?", abort=True, err=True)
