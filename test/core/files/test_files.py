@@ -209,6 +209,12 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
             CELL + "table: 3",
             "yaml: expected any of namespace, discovery, frame_prefix, object, camera, .*, simulation, got table$",
         ),
+        (CELL + "plan: {distance: 0.08}", "yaml: plan: distance must be at most 0.06, as pusher.stroke allows, got 0.08$"),
+        (
+            CELL.replace("stroke: 0.06", "stroke: 0.06, max_distance: 0.04"),
+            "plan: distance must be at most 0.04, as pusher.max_distance allows, got 0.05$",
+        ),
+        (CELL + "plan: {speed: 0.2}", "plan: speed must be at most 0.1, as pusher.max_speed allows, got 0.2$"),
         (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: give a plan's file or choose, not both, got '.*plan.yaml' and 5$"),
     ],
 )

@@ -138,6 +138,8 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     (*estimator, model), (recorder, images) = made["estimator"], made["recorder"]
     for name, other in both:
         raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
+    if pusher is not None:
+        _check_plan(made["plan"][0], pusher)
     if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
         raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
@@ -160,6 +162,17 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         tip=made["tip"],
         **{name: made[name][0] for name in ("plan", "view", "planner", "simulation")},
     )
+
+
+def _check_plan(plan: PlanConfig, pusher: PusherConfig) -> None:
+    """Refuse a plan whose pushes the pusher would refuse, one after the other."""
+    for name, value, limit, most in (
+        ("distance", plan.distance, "stroke", pusher.stroke),
+        ("distance", plan.distance, "max_distance", pusher.max_distance),
+        ("speed", plan.speed, "max_speed", pusher.max_speed),
+    ):
+        if value > most:
+            raise ValueError(f"plan: {name} must be at most {most:g}, as pusher.{limit} allows, got {value:g}")
 
 
 def _mapping(name: str, content: Any) -> dict[Any, Any]:
