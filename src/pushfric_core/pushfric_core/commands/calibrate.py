@@ -130,7 +130,8 @@ def table(
         else:
             frames = frames_from(source, namespace, (known.width, known.height))
             found = table_from_frames(frames, _board(columns, rows, square), known, say)
-        save_camera(found.camera, camera)
+        homography = {"rows": 3, "cols": 3, "data": found.camera.H.ravel().tolist()}
+        write_whole(camera, _edited(camera, None, {"table_homography": homography}))
     say(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
         f" worst {1e3 * found.errors.max():.3f} mm",
@@ -198,7 +199,10 @@ def tip(
             "tip_radius": round(float(measured.tip_radius), 5),
         }
         picture = target.parent / "measured_tip.png"
-        text = _cell_text(cell, values) if out is None else yaml.safe_dump({"pusher": values}, default_flow_style=None)
+        if out is None:
+            text = _edited(cell, "pusher", values, "; with --out FOLDER, the entries go into a file of their own")
+        else:
+            text = yaml.safe_dump({"pusher": values}, default_flow_style=None)
         write_whole(target, text)
         write_whole(picture, tip_picture(camera, images[-1], measured, file.pusher.stroke))
     findings = [f"{cell}: {finding}" for finding in tip_findings(measured, file.pusher, tip_height is not None)]
@@ -254,8 +258,8 @@ def _numbers(text: str) -> list[float]:
         raise InvalidInput(f"--positions must be numbers with commas between them, got {text!r}") from error
 
 
-def _cell_text(path: pathlib.Path, values: Mapping[str, Value]) -> str:
-    """The text of the cell's file with new entries in the section `pusher`.
+def _edited(path: pathlib.Path, section: str | None, values: Mapping[str, Value], instead: str = "") -> str:
+    """The text of a file with new entries in a section, or in none; else as it was. `instead` ends an error.
 
     Raises:
         InvalidInput: the file cannot be read, or its entries cannot be replaced.
@@ -263,6 +267,6 @@ def _cell_text(path: pathlib.Path, values: Mapping[str, Value]) -> str:
     with reading(path):
         text = path.read_text(encoding="utf-8")
     try:
-        return with_values(text, "pusher", values)
+        return with_values(text, section, values)
     except ValueError as error:
-        raise InvalidInput(f"{path}: {error}; with --out FOLDER, the entries go into a file of their own") from error
+        raise InvalidInput(f"{path}: {error}{instead}") from error
