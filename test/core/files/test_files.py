@@ -75,6 +75,10 @@ def test_an_object_survives_its_file(write, tmp_path):
         (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
         (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
         (
+            TRIANGLE + "support: {points: [[0.02, 0.01], [0.02, 0.01]]}",
+            r"the support points must differ, got only \(0.02, 0.01\)$",
+        ),
+        (
             TRIANGLE + "supports: 3",
             "yaml: expected any of the keys name, outline, support, height, hypotheses, got supports$",
         ),
@@ -209,6 +213,7 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
             CELL + "table: 3",
             "yaml: expected any of namespace, discovery, frame_prefix, object, camera, .*, simulation, got table$",
         ),
+        (CELL.replace("pusher:", "pushr:"), "yaml: expected any of .*, simulation, got pushr$"),
         (CELL + "plan: {distance: 0.08}", "yaml: plan: distance must be at most 0.06, as pusher.stroke allows, got 0.08$"),
         (
             CELL.replace("stroke: 0.06", "stroke: 0.06, max_distance: 0.04"),

@@ -120,7 +120,9 @@ def load_cell(path: pathlib.Path) -> CellFile:
 
 
 def _cell(content: Any, folder: pathlib.Path) -> CellFile:
-    whole = _mapping("a cell's file", content)
+    whole, known = _mapping("a cell's file", content), (*ROOT_KEYS, *SECTIONS)
+    if unknown := [str(key) for key in whole if key not in known]:
+        raise ValueError(f"expected any of {', '.join(known)}, got {', '.join(unknown)}")
     both = [(name, other) for name, other in INSTEAD.items() if name in whole and other in whole]
     left_out = {other if name in whole else name for name, other in INSTEAD.items()} - whole.keys()
 
@@ -140,8 +142,6 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
     if pusher is not None:
         _check_plan(made["plan"][0], pusher)
-    if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
-        raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
     with blaming("camera", error=ValueError):
         tracker = chosen_tracker(trackers) if trackers else None

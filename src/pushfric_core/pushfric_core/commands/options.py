@@ -79,7 +79,7 @@ JsonOption = Annotated[
     str | None,
     typer.Option(
         "--json",
-        help="Print only the result, as one JSON object, on stdout; with FILE.json, print as usual and write the object there.",
+        help="Print only the result, as JSON, on stdout; with FILE.json, print as usual and write the JSON there.",
         metavar="[FILE.json]",
         callback=_checked,
     ),
