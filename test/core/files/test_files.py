@@ -214,12 +214,15 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
             "yaml: expected any of namespace, discovery, frame_prefix, object, camera, .*, simulation, got table$",
         ),
         (CELL.replace("pusher:", "pushr:"), "yaml: expected any of .*, simulation, got pushr$"),
-        (CELL + "plan: {distance: 0.08}", "yaml: plan: distance must be at most 0.06, as pusher.stroke allows, got 0.08$"),
+        (
+            CELL + "plan: {distance: 0.08}",
+            "yaml: plan: distance must be at most 0.06, as stroke and max_distance allow, got 0.08$",
+        ),
         (
             CELL.replace("stroke: 0.06", "stroke: 0.06, max_distance: 0.04"),
-            "plan: distance must be at most 0.04, as pusher.max_distance allows, got 0.05$",
+            "plan: distance must be at most 0.04, as stroke and max_distance allow, got 0.05$",
         ),
-        (CELL + "plan: {speed: 0.2}", "plan: speed must be at most 0.1, as pusher.max_speed allows, got 0.2$"),
+        (CELL + "plan: {speed: 0.2}", "plan: speed must be at most 0.1, as max_speed allows, got 0.2$"),
         (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: give a plan's file or choose, not both, got '.*plan.yaml' and 5$"),
     ],
 )

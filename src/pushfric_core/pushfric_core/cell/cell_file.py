@@ -140,8 +140,11 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     (*estimator, model), (recorder, images) = made["estimator"], made["recorder"]
     for name, other in both:
         raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
-    if pusher is not None:
-        _check_plan(made["plan"][0], pusher)
+    (plan,) = made["plan"]
+    if pusher is not None and plan.distance > (longest := min(pusher.stroke, pusher.max_distance)):
+        raise ValueError(f"plan: distance must be at most {longest:g}, as stroke and max_distance allow, got {plan.distance:g}")
+    if pusher is not None and plan.speed > pusher.max_speed:
+        raise ValueError(f"plan: speed must be at most {pusher.max_speed:g}, as max_speed allows, got {plan.speed:g}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
     with blaming("camera", error=ValueError):
         tracker = chosen_tracker(trackers) if trackers else None
@@ -162,17 +165,6 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
         tip=made["tip"],
         **{name: made[name][0] for name in ("plan", "view", "planner", "simulation")},
     )
-
-
-def _check_plan(plan: PlanConfig, pusher: PusherConfig) -> None:
-    """Refuse a plan whose pushes the pusher would refuse, one after the other."""
-    for name, value, limit, most in (
-        ("distance", plan.distance, "stroke", pusher.stroke),
-        ("distance", plan.distance, "max_distance", pusher.max_distance),
-        ("speed", plan.speed, "max_speed", pusher.max_speed),
-    ):
-        if value > most:
-            raise ValueError(f"plan: {name} must be at most {most:g}, as pusher.{limit} allows, got {value:g}")
 
 
 def _mapping(name: str, content: Any) -> dict[Any, Any]:

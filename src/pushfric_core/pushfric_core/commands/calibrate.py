@@ -2,7 +2,6 @@
 
 import pathlib
 import sys
-from collections.abc import Mapping
 from typing import Annotated
 
 import numpy as np
@@ -19,9 +18,10 @@ from pushfric_core.commands.options import ForceFlag, JsonOption, permit
 from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput, blaming
-from pushfric_core.files.disk import reading, write_whole
+from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.yaml_text import Value, with_values
+from pushfric_core.files.yaml_files import edited_yaml
+from pushfric_core.files.yaml_text import Value
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.records import plain
 from pushfric_core.vision.board import Board
@@ -131,7 +131,7 @@ def table(
             frames = frames_from(source, namespace, (known.width, known.height))
             found = table_from_frames(frames, _board(columns, rows, square), known, say)
         homography = {"rows": 3, "cols": 3, "data": found.camera.H.ravel().tolist()}
-        write_whole(camera, _edited(camera, None, {"table_homography": homography}))
+        write_whole(camera, edited_yaml(camera, None, {"table_homography": homography}))
     say(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
         f" worst {1e3 * found.errors.max():.3f} mm",
@@ -200,7 +200,7 @@ def tip(
         }
         picture = target.parent / "measured_tip.png"
         if out is None:
-            text = _edited(cell, "pusher", values, "; with --out FOLDER, the entries go into a file of their own")
+            text = edited_yaml(cell, "pusher", values, "; with --out FOLDER, the entries go into a file of their own")
         else:
             text = yaml.safe_dump({"pusher": values}, default_flow_style=None)
         write_whole(target, text)
@@ -256,17 +256,3 @@ def _numbers(text: str) -> list[float]:
         return [float(one) for one in text.split(",")] if text else []
     except ValueError as error:
         raise InvalidInput(f"--positions must be numbers with commas between them, got {text!r}") from error
-
-
-def _edited(path: pathlib.Path, section: str | None, values: Mapping[str, Value], instead: str = "") -> str:
-    """The text of a file with new entries in a section, or in none; else as it was. `instead` ends an error.
-
-    Raises:
-        InvalidInput: the file cannot be read, or its entries cannot be replaced.
-    """
-    with reading(path):
-        text = path.read_text(encoding="utf-8")
-    try:
-        return with_values(text, section, values)
-    except ValueError as error:
-        raise InvalidInput(f"{path}: {error}{instead}") from error
