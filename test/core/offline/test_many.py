@@ -172,7 +172,7 @@ def test_ctrl_c_while_the_workers_load_is_quiet(inputs, tmp_path):
         wait_until(a_worker_has_begun_to_load)
         os.killpg(run.pid, signal.SIGINT)
         _, said = run.communicate(timeout=60)
-    assert (run.returncode, "Traceback" in said) == (130, False)
+    assert (run.returncode, "Traceback" in said) == (130, False), said
 
 
 def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):

@@ -16,7 +16,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import Any, TypeVar
@@ -90,7 +90,8 @@ def estimate_many(
         missing = [path for path in inputs if str(path) not in lines]
         work = partial(_line_of, choices=choices, models={str(path): out.absolute() / models[path] for path in missing})
         with (out / RESULTS).open("a", encoding="utf-8") as stream:
-            stream.write("\n" * _torn(out / RESULTS))
+            if (out / RESULTS).read_bytes()[-1:] not in (b"", b"\n"):  # an interrupted run leaves half a line
+                stream.write("\n")
             for text in results(work, missing, jobs, dask):
                 stream.write(f"{text}\n")
                 stream.flush()
@@ -192,15 +193,6 @@ def _checksum(line: Line) -> str:
     return hashlib.sha256(to_json(said).encode()).hexdigest()[:16]
 
 
-def _torn(file: pathlib.Path) -> bool:
-    """Whether a file ends in the middle of a line."""
-    with file.open("rb") as stream:
-        if stream.seek(0, os.SEEK_END) == 0:
-            return False
-        stream.seek(-1, os.SEEK_END)
-        return stream.read() != b"\n"
-
-
 def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Path]) -> str:
     """Estimate one input and write its model; return its line as JSON, which holds whatever went wrong."""
     warnings: list[str] = []
@@ -258,11 +250,9 @@ def _on_this_machine(work: Callable[[Argument], Result], arguments: Iterable[Arg
     # started from nothing: a fork would copy locks that the threads of this process may hold
     pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _end_with, (os.getpid(),))
     try:
-        held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as workers inherit it: this process ends them
-        try:
-            futures = [pool.submit(work, argument) for argument in arguments]
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, held)
+        # this process ends the workers on Ctrl-C; they inherit the mask of a thread, and only the main thread is interrupted
+        with ThreadPoolExecutor(1, "starter", signal.pthread_sigmask, (signal.SIG_BLOCK, {signal.SIGINT})) as starter:
+            futures = starter.submit(lambda: [pool.submit(work, argument) for argument in arguments]).result()
         for future in as_completed(futures):
             yield future.result()
     except BrokenProcessPool as error:
