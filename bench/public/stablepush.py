@@ -47,7 +47,7 @@ def read_stable_pushes(path: pathlib.Path) -> dict[str, TwoFingerPushes]:
     """
     objects: dict[str, list[list[float]]] = {}
     for row in read_table(path, COLUMNS, "pushes", f"stable_pushes.csv of {NAME}").rows:
-        objects.setdefault(row.texts["object"] or "", []).append(row.numbers(COLUMNS[1:]))
+        objects.setdefault(row.texts["object"], []).append(row.numbers(COLUMNS[1:]))
     return {name: TwoFingerPushes.of(np.array(rows)) for name, rows in objects.items()}
 
 

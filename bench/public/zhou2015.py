@@ -82,7 +82,7 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
         tip, stamp = _tip_velocity(row, motion, contact), (int(push) + 1) * SECOND
         with blaming(row.where, ValueError, PushfricError):
             one = Observation(contact, (nx, ny), motion, int(push), stamp=stamp, force=(fx, fy), tip_velocity=tip)
-        logs.setdefault(row.texts["log"] or "", []).append(one)
+        logs.setdefault(row.texts["log"], []).append(one)
     return logs
 
 

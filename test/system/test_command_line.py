@@ -36,6 +36,7 @@ HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
         (["replay", "nothing"], "nothing: no such file; expected a bag or a CSV"),
         (["replay", "nothing", "--rate", "0"], "--rate: expected a number from 0.01 to 1000, got '0'"),
         (["estimate", "nothing", "--object", "rubber_rect4"], "nothing: no such file"),
+        (["view", "nothing"], "nothing: no such file"),
         (["estimate", "data.csv"], "data.csv does not name the pushed object; give --object"),
         (["estimate", "data.csv", "--object", "no_outline.yaml"], "no_outline.yaml: outline: expected a value, got only name"),
         (["estimate", "data.csv", "--object", "rubber_rect4"], "data.csv, line 2: vx must be finite, got nan"),

@@ -57,6 +57,16 @@ def test_the_region_is_that_of_the_data_points(data):
     assert f"region {region.area * 1e4:.3g} cm^2" in said("region", data)
 
 
+def test_a_plan_is_written_over_another_file_only_by_force(tmp_path):
+    plan = tmp_path / "README.md"
+    plan.write_text("read me")
+    with pytest.raises(InvalidInput, match=f"{plan} exists: give --force, or another FILE"):
+        said("region", "--plan", plan)
+    assert plan.read_text() == "read me"
+    said("region", "--plan", plan, "--force", "--pushes", 1)
+    assert len(load_plan(str(plan), load_object(NAME))) == 1
+
+
 def test_margin_and_excluded_pushes_count(data):
     figures = json.loads(said("region", data, "--region-margin", 0, "--exclude-push", 2, "--exclude-push", 5, "--json"))
     kept = [observation for observation in DATA if observation.push_id not in (2, 5)]

@@ -75,10 +75,15 @@ def test_an_object_survives_its_file(write, tmp_path):
         (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
         (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
         (
+            TRIANGLE + "support: {points: [[0.02, 0.01], [0.02, 0.01]]}",
+            r"the support points must differ, got only \(0.02, 0.01\)$",
+        ),
+        (
             TRIANGLE + "supports: 3",
             "yaml: expected any of the keys name, outline, support, height, hypotheses, got supports$",
         ),
         (TRIANGLE + f"support: {list(range(99))}", r"support: expected keys with values, got \[0, 1, .*, 2\.\.\.$"),
+        (TRIANGLE + "support: {spacing: 0.1}\nsupport: {spacing: 0.2}", "not YAML: line 4: the key 'support' is given twice"),
         ("name: 2020-13-45", "not YAML: month must be in 1..12"),
         ("", "yaml: expected keys with values, got nothing$"),
     ],
@@ -116,8 +121,14 @@ def test_observations_are_read_in_order(write):
             HEADER.strip() + ",tip_vx,tip_vy,force_x,force_y\n" + ROW.strip() + ",1,1,1e10,0\n",
             "line 2: force_x, force_y must lie within",
         ),
-        (HEADER + "0.05,0,0,-1,0,1\n", "line 2: push_id must be a number, got None"),
-        (HEADER.strip() + ",force_x\n" + ROW, "both of force_x and force_y"),
+        (HEADER + ROW.replace("0.05", "0.0_5"), "line 2: contact_x must be a number, got '0.0_5'"),
+        (HEADER + "0.05,0,0,-1,0,1\n", "line 2: expected 8 values, as the first line has names, got 6"),
+        (HEADER + ROW + ROW.strip() + ",5\n", "line 3: expected 8 values, as the first line has names, got 9"),
+        (
+            HEADER.strip() + ",note,vy,note\n" + ROW.strip() + ",a,0.3,b\n",
+            "data.csv: expected each column once, got more of note, vy",
+        ),
+        (HEADER.strip() + ",force_x\n" + ROW.strip() + ",1\n", "both of force_x and force_y"),
     ],
 )
 def test_bad_observations_are_refused_in_one_line(write, text, error):
@@ -202,6 +213,16 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
             CELL + "table: 3",
             "yaml: expected any of namespace, discovery, frame_prefix, object, camera, .*, simulation, got table$",
         ),
+        (CELL.replace("pusher:", "pushr:"), "yaml: expected any of .*, simulation, got pushr$"),
+        (
+            CELL + "plan: {distance: 0.08}",
+            "yaml: plan: distance must be at most 0.06, as stroke and max_distance allow, got 0.08$",
+        ),
+        (
+            CELL.replace("stroke: 0.06", "stroke: 0.06, max_distance: 0.04"),
+            "plan: distance must be at most 0.04, as stroke and max_distance allow, got 0.05$",
+        ),
+        (CELL + "plan: {speed: 0.2}", "plan: speed must be at most 0.1, as max_speed allows, got 0.2$"),
         (CELL + "plan: {file: plan.yaml, choose: 5}", "plan: give a plan's file or choose, not both, got '.*plan.yaml' and 5$"),
     ],
 )
@@ -284,7 +305,7 @@ def test_columns_may_stand_in_any_order_with_others(tmp_path):
     ("row", "expected"),
     [
         ((0, -0.03, 0, -1, 0, "fast"), "line 2: tip_vy must be a number, got 'fast'"),
-        ((0, -0.03, 0, -1, 0), "line 2: tip_vy must be a number, got None"),
+        ((0, -0.03, 0, -1, 0), "line 2: expected 6 values, as the first line has names, got 5"),
         ((0, -0.03, 0, -1, 0, "inf"), "line 2: tip_vy must be finite"),
         ((0, -0.03, 0, -1, 0, 1e200), "line 2: tip_vy must lie within 10 m/s, got 1e\\+200"),
         ((0, -0.03, 0, -2, 0, 1), "line 2: the normal must have length 1"),

@@ -71,6 +71,8 @@ def test_an_alias_bomb_is_refused_and_honest_aliases_are_taken():
     with pytest.raises(ValueError, match=f"expected at most {NODE_LIMIT} values"):
         load_yaml("\n".join(["a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]", *levels]))
     assert load_yaml("a: &a [1, 2]\nb: *a") == {"a": [1, 2], "b": [1, 2]}
+    nested = "a: &a {k: 1}\nb: {c: &c {<<: *a, k: 2}}\nd: {<<: *c, k: 3}"
+    assert load_yaml(nested) == {"a": {"k": 1}, "b": {"c": {"k": 2}}, "d": {"k": 3}}
 
 
 def test_files_that_cannot_be_are_refused(tmp_path):

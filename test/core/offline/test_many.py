@@ -6,12 +6,12 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
-import sys
 
 import numpy as np
 import pytest
-from calls import invoked
+from calls import PROGRAM, invoked, wait_until
 from cluster import local_cluster
 from problems import observations_of
 from semantic_damage import Recording
@@ -48,7 +48,7 @@ def inputs(tmp_path):
 
 
 def estimate(*arguments):
-    command = [sys.executable, "-m", "pushfric_core", "estimate", *map(str, arguments)]
+    command = [*PROGRAM, "estimate", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=240, stdin=subprocess.DEVNULL, check=False)
 
 
@@ -114,6 +114,19 @@ def test_a_bag_that_does_not_add_up_is_not_usable(tmp_path):
         assert ("push 5 is missing" in run.stderr) == bool(code)
 
 
+def test_a_bag_keeps_its_own_object_among_many_and_another_one_is_told(tmp_path):
+    write_pushes(tmp_path / "data.csv", 1)
+    invoked("estimate", BAG, tmp_path / "data.csv", "--object", NAME, "--out", tmp_path / "out", "--jobs", 1)
+    rows = table_of(tmp_path / "out")
+    assert {name: row["object"] for name, row in rows.items()} == {"data.csv": NAME, BAG.name: "rubber_rect4"}
+    other = tmp_path / "other.yaml"
+    other.write_text((BAG / "object.yaml").read_text().replace("rubber_rect4", "brick"))
+    told = f"{BAG}: its own object 'rubber_rect4' is not used, but the given 'brick'"
+    for given, said in ((other, True), ("rubber_rect4", False)):
+        run = invoked("estimate", BAG, "--object", given)
+        assert (run.exit_code, told in " ".join(run.stderr.split())) == (0, said)
+
+
 def test_a_run_goes_on_where_it_was(inputs, tmp_path):
     out = tmp_path / "out"
     arguments = ("estimate", inputs, "--object", NAME, "--out", out, "--jobs", 1)
@@ -128,12 +141,38 @@ def test_a_run_goes_on_where_it_was(inputs, tmp_path):
     kept = (out / "results.jsonl").read_text().splitlines()
     assert kept[:4] == lines[:4]
     assert sorted(json.loads(line)["input"] for line in kept[5:]) == [json.loads(line)["input"] for line in sorted(lines[4:])]
-    # an input that has changed is estimated again, and so is every input with other settings
+    # an input that has changed is estimated again, and so is one that failed, and every input with other settings
     os.utime(inputs / "run_0.csv", (1, 1))
     invoked(*arguments)
-    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 1
+    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 2
     invoked(*arguments, "--loss", "l2")
-    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 8
+    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 9
+
+
+def test_what_the_disk_refused_is_tried_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # a model is named by its path from here
+    write_pushes(tmp_path / "data.csv", 1)
+    models = tmp_path / "out/models"
+    models.mkdir(parents=True)
+    (models / f".data.yaml.{os.getpid()}").symlink_to("/dev/full")  # the draft of the model
+    arguments = ("estimate", "data.csv", "--object", NAME, "--out", "out", "--jobs", 1)
+    assert "No space left on device" in " ".join(invoked(*arguments).stderr.split())
+    assert invoked(*arguments).exit_code == 0
+    assert (models / "data.yaml").is_file()
+
+
+def test_ctrl_c_while_the_workers_load_is_quiet(inputs, tmp_path):
+    arguments = ("estimate", inputs, "--object", NAME, "--out", tmp_path / "out", "--jobs", 2)
+    with subprocess.Popen([*PROGRAM, *map(str, arguments)], stderr=subprocess.PIPE, text=True, start_new_session=True) as run:
+        children = pathlib.Path(f"/proc/{run.pid}/task/{run.pid}/children")
+
+        def a_worker_has_begun_to_load() -> bool:
+            return any("/numpy/" in pathlib.Path(f"/proc/{pid}/maps").read_text() for pid in children.read_text().split())
+
+        wait_until(a_worker_has_begun_to_load)
+        os.killpg(run.pid, signal.SIGINT)
+        _, said = run.communicate(timeout=60)
+    assert (run.returncode, "Traceback" in said) == (130, False), said
 
 
 def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):

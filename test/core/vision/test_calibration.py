@@ -8,6 +8,7 @@ import threading
 import cv2
 import numpy as np
 import pytest
+from calls import printed
 from printed import black_rings, picture, rasterised
 
 from pushfric_core.errors import InvalidInput
@@ -20,7 +21,7 @@ from pushfric_core.vision.calibration import (
     read_table_points,
     table_from_frames,
 )
-from pushfric_core.vision.camera import Camera, Lens, load_lens, save_camera
+from pushfric_core.vision.camera import Camera, Lens, load_camera, load_lens, save_camera
 from pushfric_core.vision.frame_source import DeviceFrames
 from pushfric_core.vision.printed_pdf import save_board
 
@@ -204,6 +205,18 @@ def test_the_table_is_recovered_from_four_points(tmp_path):
     calibration = calibrate_table(LENS, [read_table_points(measured(WIDE, tmp_path))])
     np.testing.assert_allclose(calibration.camera.unproject(grid()), over_board(*FLAT).unproject(grid()), atol=1e-6)
     assert calibration.rms_px < 1e-3
+
+
+def test_the_cameras_file_gets_the_table_and_stays_as_it_is(tmp_path):
+    file = tmp_path / "camera.yaml"
+    save_camera(LENS, file)
+    text = file.read_text().replace("camera_name: camera", "camera_name: straight_down  # over the cell")
+    file.write_text(text)
+    points = measured(WIDE, tmp_path)
+    for _ in range(2):
+        printed("calibrate", "table", points, "--camera", file)
+        assert file.read_text().startswith(f"{text}table_homography: ")
+    assert np.array_equal(load_camera(file).H, calibrate_table(LENS, [read_table_points(points)]).camera.H)
 
 
 @pytest.mark.parametrize(

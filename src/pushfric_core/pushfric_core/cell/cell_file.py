@@ -120,7 +120,9 @@ def load_cell(path: pathlib.Path) -> CellFile:
 
 
 def _cell(content: Any, folder: pathlib.Path) -> CellFile:
-    whole = _mapping("a cell's file", content)
+    whole, known = _mapping("a cell's file", content), (*ROOT_KEYS, *SECTIONS)
+    if unknown := [str(key) for key in whole if key not in known]:
+        raise ValueError(f"expected any of {', '.join(known)}, got {', '.join(unknown)}")
     both = [(name, other) for name, other in INSTEAD.items() if name in whole and other in whole]
     left_out = {other if name in whole else name for name, other in INSTEAD.items()} - whole.keys()
 
@@ -138,8 +140,11 @@ def _cell(content: Any, folder: pathlib.Path) -> CellFile:
     (*estimator, model), (recorder, images) = made["estimator"], made["recorder"]
     for name, other in both:
         raise ValueError(f"{name}: takes the place of the section {other}, expected one of the two")
-    if unknown := [str(key) for key in whole if key not in ROOT_KEYS]:
-        raise ValueError(f"expected any of {', '.join((*ROOT_KEYS, *SECTIONS))}, got {', '.join(unknown)}")
+    (plan,) = made["plan"]
+    if pusher is not None and plan.distance > (longest := min(pusher.stroke, pusher.max_distance)):
+        raise ValueError(f"plan: distance must be at most {longest:g}, as stroke and max_distance allow, got {plan.distance:g}")
+    if pusher is not None and plan.speed > pusher.max_speed:
+        raise ValueError(f"plan: speed must be at most {pusher.max_speed:g}, as max_speed allows, got {plan.speed:g}")
     named, frames, pushed = read(_beside(whole, folder, ROOT), *ROOT)
     with blaming("camera", error=ValueError):
         tracker = chosen_tracker(trackers) if trackers else None

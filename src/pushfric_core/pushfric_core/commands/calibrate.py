@@ -2,7 +2,6 @@
 
 import pathlib
 import sys
-from collections.abc import Mapping
 from typing import Annotated
 
 import numpy as np
@@ -15,13 +14,14 @@ from pushfric_core.commands.application import Application, in_range
 from pushfric_core.commands.cell_options import NamespaceOption
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.frames import borrowed, frames_from
-from pushfric_core.commands.options import JsonOption
+from pushfric_core.commands.options import ForceFlag, JsonOption, permit
 from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput, blaming
-from pushfric_core.files.disk import reading, write_whole
+from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import load_object
-from pushfric_core.files.yaml_text import Value, with_values
+from pushfric_core.files.yaml_files import edited_yaml
+from pushfric_core.files.yaml_text import Value
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.records import plain
 from pushfric_core.vision.board import Board
@@ -130,7 +130,8 @@ def table(
         else:
             frames = frames_from(source, namespace, (known.width, known.height))
             found = table_from_frames(frames, _board(columns, rows, square), known, say)
-        save_camera(found.camera, camera)
+        homography = {"rows": 3, "cols": 3, "data": found.camera.H.ravel().tolist()}
+        write_whole(camera, edited_yaml(camera, None, {"table_homography": homography}))
     say(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
         f" worst {1e3 * found.errors.max():.3f} mm",
@@ -171,7 +172,7 @@ def tip(
         float, typer.Option(help="Speed of the pusher between two pictures [m/s].", **in_range(0.0001, 1.0, "m/s"))
     ] = 0.01,
     out: Annotated[pathlib.Path | None, typer.Option(help=f"Folder to write {PUSHER_FILE} to, in place of CELL.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files without asking.")] = False,
+    force: ForceFlag = False,
     json: JsonOption = None,
 ) -> None:
     """Find the pushing line. Take the object away. The pusher goes slowly along its stroke and back, and rests for each
@@ -184,7 +185,9 @@ def tip(
         lacking = "camera" if file.camera is None else "pusher"
         raise InvalidInput(f"{cell}: a camera measures where the pusher goes, expected the section {lacking}")
     target = cell if out is None else out / PUSHER_FILE
-    _permit(target, force)
+    if not target.parent.is_dir():
+        raise InvalidInput(f"{target.parent}: no such folder")
+    permit(target, force, "Replace what is measured in it?", "--out FOLDER to write elsewhere")
     camera, source = load_camera(file.camera.calibration), source or file.camera.source
     frames = frames_from(source, file.namespace, (camera.width, camera.height), file.discovery)
     with telling_what_is_left(lambda: "nothing was written"):
@@ -196,7 +199,10 @@ def tip(
             "tip_radius": round(float(measured.tip_radius), 5),
         }
         picture = target.parent / "measured_tip.png"
-        text = _cell_text(cell, values) if out is None else yaml.safe_dump({"pusher": values}, default_flow_style=None)
+        if out is None:
+            text = edited_yaml(cell, "pusher", values, "; with --out FOLDER, the entries go into a file of their own")
+        else:
+            text = yaml.safe_dump({"pusher": values}, default_flow_style=None)
         write_whole(target, text)
         write_whole(picture, tip_picture(camera, images[-1], measured, file.pusher.stroke))
     findings = [f"{cell}: {finding}" for finding in tip_findings(measured, file.pusher, tip_height is not None)]
@@ -250,32 +256,3 @@ def _numbers(text: str) -> list[float]:
         return [float(one) for one in text.split(",")] if text else []
     except ValueError as error:
         raise InvalidInput(f"--positions must be numbers with commas between them, got {text!r}") from error
-
-
-def _cell_text(path: pathlib.Path, values: Mapping[str, Value]) -> str:
-    """The text of the cell's file with new entries in the section `pusher`.
-
-    Raises:
-        InvalidInput: the file cannot be read, or its entries cannot be replaced.
-    """
-    with reading(path):
-        text = path.read_text(encoding="utf-8")
-    try:
-        return with_values(text, "pusher", values)
-    except ValueError as error:
-        raise InvalidInput(f"{path}: {error}; with --out FOLDER, the entries go into a file of their own") from error
-
-
-def _permit(target: pathlib.Path, force: bool) -> None:
-    """Ask before a file is overwritten; this comes before anything is measured.
-
-    Raises:
-        InvalidInput: the folder does not exist; or the file exists, and there is no terminal to ask.
-    """
-    if not target.parent.is_dir():
-        raise InvalidInput(f"{target.parent}: no such folder")
-    if force or not target.exists():
-        return
-    if not sys.stdin.isatty():
-        raise InvalidInput(f"{target} exists: give --force, or --out FOLDER to write elsewhere")
-    typer.confirm(f"{target} exists. Replace what is measured in it?", abort=True, err=True)

@@ -1,6 +1,7 @@
 """Arguments and options that several commands have."""
 
 import pathlib
+import sys
 from typing import Annotated
 
 import typer
@@ -29,7 +30,26 @@ SupportPointsOption = Annotated[
     pathlib.Path | None, typer.Option("--support-points", help="Support points: a CSV with columns x,y [m].")
 ]
 PartialFlag = Annotated[bool, typer.Option("--partial", help="Accept a damaged bag even if messages are missing.")]
+ForceFlag = Annotated[bool, typer.Option("--force", help="Overwrite existing files without asking.")]
 CellOption = Annotated[str | None, typer.Option("--namespace", help="Namespace of the cell, for a bag of several.")]
+
+
+def permit(target: pathlib.Path, force: bool, question: str, instead: str) -> None:
+    """Ask before a file is overwritten; this comes before any work.
+
+    Args:
+        target: the file.
+        force: value of the option.
+        question: to a person at a terminal, if there is such a file.
+        instead: what else can be given, for the error.
+    Raises:
+        InvalidInput: the file exists, and there is no terminal to ask.
+    """
+    if force or not target.exists():
+        return
+    if not sys.stdin.isatty():
+        raise InvalidInput(f"{target} exists: give --force, or {instead}")
+    typer.confirm(f"{target} exists. {question}", abort=True, err=True)
 
 
 def _processes(jobs: int) -> int:
@@ -59,7 +79,7 @@ JsonOption = Annotated[
     str | None,
     typer.Option(
         "--json",
-        help="Print only the result, as one JSON object, on stdout; with FILE.json, print as usual and write the object there.",
+        help="Print only the result, as JSON, on stdout; with FILE.json, print as usual and write the JSON there.",
         metavar="[FILE.json]",
         callback=_checked,
     ),

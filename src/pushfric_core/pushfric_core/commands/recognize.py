@@ -37,7 +37,7 @@ def recognize(
 ) -> None:
     recorded = Recorded(source, namespace)
     chosen = settings.over(recorded.settings)
-    model, where = object_of(source, object_name)
+    model, where = object_of(source, object_name, warn)
     model = with_support(model, grid, support_points)
     if not model.hypotheses:
         raise InvalidInput(f"{where} names no hypotheses; expected a list of them under hypotheses")

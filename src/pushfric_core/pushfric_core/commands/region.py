@@ -11,7 +11,7 @@ import typer
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
-from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption, PartialFlag
+from pushfric_core.commands.options import CellOption, ForceFlag, JsonOption, ObjectOption, PartialFlag, permit
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option_as_recorded
 from pushfric_core.errors import InvalidInput, blaming
@@ -46,13 +46,16 @@ def region(
         pathlib.Path | None, typer.Option(help="Write the push plan that shrinks the region fastest to this file.")
     ] = None,
     pushes: Annotated[int, typer.Option(help="Number of pushes in that plan.", min=1, max=20)] = 10,
+    force: ForceFlag = False,
     partial: PartialFlag = False,
     namespace: CellOption = None,
     json: JsonOption = None,
 ) -> None:
     if source is None and not object_name:
         raise InvalidInput(f"give a bag, or --object OBJ.yaml or one of {', '.join(TABLE_1)}")
-    model = load_object(object_name) if source is None else object_of(source, object_name)[0]
+    if plan is not None:
+        permit(plan, force, "Overwrite it?", "another FILE")
+    model = load_object(object_name) if source is None else object_of(source, object_name, warn)[0]
     recorded = None if source is None else Recorded(source, namespace)
     settings = EstimatorSettings() if recorded is None else recorded.settings
     with blaming():

@@ -14,6 +14,7 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import CameraConfig
 from pushfric_core.commands.application import Application
+from pushfric_core.commands.console import warn
 from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput
@@ -47,7 +48,7 @@ def track(
     json: JsonOption = None,
 ) -> None:
     """Bags that ros2 bag recorded will do. Exit code 1: an image that showed the object no longer does."""
-    model, _ = object_of(source, object_name)
+    model, _ = object_of(source, object_name, warn)
     driver: TrackerDriver = ContourConfig()
     offset, height, calibration = CameraConfig.time_offset, CameraConfig.object_height, ""
     if cell is not None:

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from pushfric_core.bags.recorded import check_source
 from pushfric_core.cell.node_settings import REPORT_FILE, VIEW_PORT, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.console import say, warn
@@ -37,6 +38,7 @@ def view(
     namespace: CellOption = None,
 ) -> None:
     """Ctrl-C ends it; other machines can be given the file that report writes."""
+    check_source(source)  # before an address is printed
     with tempfile.TemporaryDirectory() as folder:
         report = pathlib.Path(folder) / REPORT_FILE
         over = {"done": False, "message": "the run is over"}

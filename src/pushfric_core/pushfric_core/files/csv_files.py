@@ -36,7 +36,7 @@ class CsvRow(NamedTuple):
     """A row of a table."""
 
     where: str  # file and line, for errors
-    texts: Mapping[str, str | None]  # of its columns; None: the row is too short
+    texts: Mapping[str, str]  # of its columns
 
     def number(self, name: str) -> float:
         """The number in a column.
@@ -46,7 +46,7 @@ class CsvRow(NamedTuple):
         """
         text = self.texts[name]
         try:
-            value = float(text or "")
+            value = float(text.replace("_", "?"))  # Python takes 1_0 for 10
         except ValueError:
             raise InvalidInput(f"{self.where}: {name} must be a number, got {text!r}") from None
         if not math.isfinite(value):
@@ -77,7 +77,7 @@ class CsvTable(NamedTuple):
 
 
 def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected: str = "") -> CsvTable:
-    """Read a CSV file that must have these columns and at least one row; it may have further columns.
+    """Read a CSV file that must have these columns and at least one row; it may have further columns, each once.
 
     Args:
         path: the file.
@@ -87,13 +87,19 @@ def read_table(path: pathlib.Path, columns: Sequence[str], things: str, expected
     Raises:
         InvalidInput: the file cannot be read as such a table.
     """
+    rows = []
     with reading(path), path.open(newline="", encoding="utf-8-sig") as stream:
-        reader = csv.DictReader(stream, skipinitialspace=True)
-        found = [name.strip() for name in reader.fieldnames or []]
-        reader.fieldnames = found
+        reader = csv.reader(stream, skipinitialspace=True)
+        found = [name.strip() for name in next(reader, [])]
         if missing := [name for name in columns if name not in found]:
             raise InvalidInput(f"{path}: missing column {', '.join(missing)}; expected {expected or ', '.join(columns)}")
-        rows = [CsvRow(f"{path}, line {reader.line_num}", row) for row in reader]
+        if twice := sorted({name for name in found if name and found.count(name) > 1}):
+            raise InvalidInput(f"{path}: expected each column once, got more of {', '.join(twice)}")
+        for texts in filter(None, reader):  # some lines are blank
+            where = f"{path}, line {reader.line_num}"
+            if len(texts) != len(found):
+                raise InvalidInput(f"{where}: expected {len(found)} values, as the first line has names, got {len(texts)}")
+            rows.append(CsvRow(where, dict(zip(found, texts, strict=True))))
     if not rows:
         raise InvalidInput(f"{path}: no {things}; expected a row for each")
     return CsvTable(found, rows)

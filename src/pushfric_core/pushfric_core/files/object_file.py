@@ -14,9 +14,9 @@ import yaml
 from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.estimation.recognition import Hypothesis
 from pushfric_core.files.csv_files import read_table
-from pushfric_core.files.disk import reading, write_whole
-from pushfric_core.files.yaml_files import Strict, fitting, read_yaml
-from pushfric_core.files.yaml_text import Value, load_yaml, with_values
+from pushfric_core.files.disk import write_whole
+from pushfric_core.files.yaml_files import Strict, edited_yaml, fitting, read_yaml
+from pushfric_core.files.yaml_text import Value, load_yaml
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array
 from pushfric_core.geometry.table_1 import LOOKALIKES, ORIENTATIONS, TABLE_1
@@ -171,6 +171,8 @@ def make_object(file: ObjectFile, where: str) -> ObjectModel:
     with blaming(where):
         outline = Outline(np.array(file.outline))
         points = file.support.points_over(outline)
+        if (points == points[0]).all():
+            raise ValueError(f"the support points must differ, got only ({points[0, 0]:g}, {points[0, 1]:g})")
         _check_on("support points", points, outline)
         hypotheses = tuple(hypothesis.over(outline, points) for hypothesis in file.hypotheses)
         for hypothesis in hypotheses:
@@ -230,10 +232,7 @@ def edited_object(target: pathlib.Path, known: ObjectModel | None, values: Mappi
         InvalidInput: the file cannot be read, or does not fit the values; for example, support points lie outside.
     """
     if target.exists():
-        with reading(target):
-            text = target.read_text(encoding="utf-8")
-        with blaming(target):
-            text = with_values(text, None, values)
+        text = edited_yaml(target, None, values)
     else:
         content: dict[str, Any] = {"name": target.stem}
         if known is not None:

@@ -2,14 +2,14 @@
 
 import contextlib
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
 
 import pydantic
 
 from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files.disk import reading, text_of
-from pushfric_core.files.yaml_text import TEXT_LIMIT, load_yaml
+from pushfric_core.files.yaml_text import TEXT_LIMIT, Value, load_yaml, with_values
 from pushfric_core.wording import shortened
 
 Model = TypeVar("Model", bound=pydantic.BaseModel)
@@ -69,6 +69,22 @@ def yaml_content(path: pathlib.Path) -> Any:
         text = text_of(path, TEXT_LIMIT)
     with blaming(f"{path}: not YAML"):
         return load_yaml(text)
+
+
+def edited_yaml(path: pathlib.Path, section: str | None, values: Mapping[str, Value], instead: str = "") -> str:
+    """The text of a YAML file with new values for some keys; for arguments see `with_values`.
+
+    Args:
+        instead: the end of the error if they cannot be replaced.
+    Raises:
+        InvalidInput: the file cannot be read, or its entries cannot be replaced.
+    """
+    with reading(path):
+        text = path.read_text(encoding="utf-8")
+    try:
+        return with_values(text, section, values)
+    except ValueError as error:
+        raise InvalidInput(f"{path}: {error}{instead}") from error
 
 
 EXPECTED = {

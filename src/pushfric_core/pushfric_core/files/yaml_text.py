@@ -28,7 +28,16 @@ _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _BoundedLoader(_Loader):  # type: ignore[misc]
-    """A loader that refuses huge integers: no field takes them, and Python could not even print some of them."""
+    """A loader that refuses a key given twice, and huge integers: no field takes them, and Python could not print some."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        given: dict[str, yaml.Node] = {}
+        for key, _ in node.value:
+            if given.setdefault(str(key.value), key) is not key:
+                raise yaml.constructor.ConstructorError(None, None, f"the key {key.value!r} is given twice", key.start_mark)
+        super().flatten_mapping(node)
+        # a key counts before a merged one, also when this mapping, merged into another, comes here again
+        node.value = list({str(key.value): (key, value) for key, value in node.value}.values())
 
     def _integer(self, node: yaml.ScalarNode) -> int:
         value = self.construct_yaml_int(node)

@@ -77,7 +77,7 @@ def estimate_from(
     """
     recorded = Recorded(source, choices.namespace)
     settings = choices.settings.over(recorded.settings)
-    model, _ = object_of(source, choices.object_name)
+    model, _ = object_of(source, choices.object_name, warn)
     model = with_support(model, choices.grid, choices.support_points)
     estimator = settings.new_estimator(model.support_points)
     data: list[Observation] = []

@@ -1,5 +1,6 @@
 """Loads what commands and notebooks are given: observations, the object of a bag or a CSV, and its support points."""
 
+import contextlib
 import os
 import pathlib
 import warnings
@@ -7,7 +8,7 @@ from collections.abc import Iterable
 
 from pushfric_core.bags.recorded import Recorded, beside, check_source
 from pushfric_core.errors import InvalidInput
-from pushfric_core.estimation.estimator import Estimator
+from pushfric_core.estimation.estimator import Estimator, Warn
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import SUFFIXES, ModelFile, load_model
 from pushfric_core.files.object_file import (
@@ -25,12 +26,13 @@ from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.observations import Observations
 
 
-def object_of(path: pathlib.Path, name: str, option: str = "--object OBJ.yaml") -> tuple[ObjectModel, str]:
+def object_of(path: pathlib.Path, name: str, warn: Warn, option: str = "--object OBJ.yaml") -> tuple[ObjectModel, str]:
     """The object that is named, or the one next to the bag; and where it came from.
 
     Args:
         path: the bag or the CSV.
         name: name of the object, or path of its YAML; empty: the one next to the bag.
+        warn: called with a line if the bag has another object than the one that is named.
         option: how the caller names an object, for the error.
     Raises:
         InvalidInput: there is no such object, or its file does not describe an object.
@@ -40,7 +42,13 @@ def object_of(path: pathlib.Path, name: str, option: str = "--object OBJ.yaml") 
     if not name and next_to_bag is None:
         raise InvalidInput(f"{path} does not name the pushed object; give {option} or one of {', '.join(TABLE_1)}")
     where = name or str(next_to_bag)
-    return load_object(where), where
+    model = load_object(where)
+    if name and next_to_bag is not None:
+        with contextlib.suppress(InvalidInput):  # one that cannot be read is a reason to name another
+            own = load_object(str(next_to_bag))
+            if (own.name, own.outline) != (model.name, model.outline):
+                warn(f"{path}: its own object {own.name!r} is not used, but the given {model.name!r}")
+    return model, where
 
 
 def with_support(model: ObjectModel, grid: tuple[int, int] | None, file: pathlib.Path | None) -> ObjectModel:
@@ -134,10 +142,10 @@ def load(
         return load_object(str(path))
     if not path.exists():
         raise InvalidInput(f"{path}: no such file; expected a bag, a CSV of observations, a model or an object")
-    model, _ = object_of(path, os.fspath(object), "object='OBJ.yaml'")
-    recorded = Recorded(path, namespace)
     said: list[str] = []
     try:
+        model, _ = object_of(path, os.fspath(object), said.append, "object='OBJ.yaml'")
+        recorded = Recorded(path, namespace)
         reading = recorded.read(model, recorded.settings, said.append, partial)
     finally:
         for line in said:

@@ -16,16 +16,17 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from typing import Any, TypeVar
 
 from pushfric_core import __version__
-from pushfric_core.bags.recorded import bags_in, is_bag
+from pushfric_core.bags.recorded import bags_in, beside, is_bag
 from pushfric_core.errors import InvalidInput, PushfricError, blaming
 from pushfric_core.files.disk import writing
 from pushfric_core.files.model_file import save_model
+from pushfric_core.files.object_file import OBJECT_FILE
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.records import to_json
 
@@ -69,7 +70,8 @@ def estimate_many(
 
     Args:
         inputs: bags and CSVs.
-        choices: what the caller chose, the same for every input; paths in it are absolute.
+        choices: what the caller chose, the same for every input, but a bag with an object of its own keeps that; paths in it
+            are absolute.
         out: folder for the lines and models; created if it does not exist.
         jobs: processes on this machine; -1: one for each core.
         dask: address of the scheduler of a Dask cluster, whose workers see the same files; None: this machine.
@@ -88,7 +90,8 @@ def estimate_many(
         missing = [path for path in inputs if str(path) not in lines]
         work = partial(_line_of, choices=choices, models={str(path): out.absolute() / models[path] for path in missing})
         with (out / RESULTS).open("a", encoding="utf-8") as stream:
-            stream.write("\n" * _torn(out / RESULTS))
+            if (out / RESULTS).read_bytes()[-1:] not in (b"", b"\n"):  # an interrupted run leaves half a line
+                stream.write("\n")
             for text in results(work, missing, jobs, dask):
                 stream.write(f"{text}\n")
                 stream.flush()
@@ -167,7 +170,10 @@ def fingerprint(path: pathlib.Path, choices: Choices) -> str:
 
 
 def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> dict[str, Line]:
-    """The lines of an earlier run that are still valid, by input; the last one of each counts."""
+    """The lines of an earlier run that are still valid, by input; the last one of each counts.
+
+    What failed is tried again: the reason may have been the disk, the memory or a package, and lie in no input.
+    """
     lines: dict[str, Line] = {}
     written = file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
     for text in written.splitlines():
@@ -175,8 +181,8 @@ def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> dict[str, Line]:
             line = json.loads(text)
         except (ValueError, RecursionError):
             continue  # an interrupted run leaves half a line
-        known = isinstance(line, dict) and isinstance(line.get("input"), str)
-        if known and wanted.get(line["input"], "") == line.get("fingerprint") and line.get("checksum") == _checksum(line):
+        usable = isinstance(line, dict) and isinstance(line.get("input"), str) and "error" not in line
+        if usable and wanted.get(line["input"], "") == line.get("fingerprint") and line.get("checksum") == _checksum(line):
             lines[line["input"]] = line
     return lines
 
@@ -187,15 +193,6 @@ def _checksum(line: Line) -> str:
     return hashlib.sha256(to_json(said).encode()).hexdigest()[:16]
 
 
-def _torn(file: pathlib.Path) -> bool:
-    """Whether a file ends in the middle of a line."""
-    with file.open("rb") as stream:
-        if stream.seek(0, os.SEEK_END) == 0:
-            return False
-        stream.seek(-1, os.SEEK_END)
-        return stream.read() != b"\n"
-
-
 def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Path]) -> str:
     """Estimate one input and write its model; return its line as JSON, which holds whatever went wrong."""
     warnings: list[str] = []
@@ -203,7 +200,8 @@ def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Pat
     try:
         if path.exists() and not path.is_file() and not path.is_dir():  # reading a pipe might never end
             raise InvalidInput(f"{path}: is a pipe or a device; expected a bag or a CSV of observations")
-        estimation = estimate_from(path, choices, warnings.append)
+        own = beside(path, OBJECT_FILE) is not None
+        estimation = estimate_from(path, dataclasses.replace(choices, object_name="") if own else choices, warnings.append)
         line |= estimation.figures()
         line["doubts"] = [] if choices.partial else [one._asdict() for one in estimation.ledger.doubts]
         if estimation.result.contradiction is None:
@@ -252,7 +250,10 @@ def _on_this_machine(work: Callable[[Argument], Result], arguments: Iterable[Arg
     # started from nothing: a fork would copy locks that the threads of this process may hold
     pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"), _end_with, (os.getpid(),))
     try:
-        for future in as_completed([pool.submit(work, argument) for argument in arguments]):
+        # this process ends the workers on Ctrl-C; they inherit the mask of a thread, and only the main thread is interrupted
+        with ThreadPoolExecutor(1, "starter", signal.pthread_sigmask, (signal.SIG_BLOCK, {signal.SIGINT})) as starter:
+            futures = starter.submit(lambda: [pool.submit(work, argument) for argument in arguments]).result()
+        for future in as_completed(futures):
             yield future.result()
     except BrokenProcessPool as error:
         raise WorkerKilled("a worker process was killed; perhaps memory ran out: try fewer --jobs") from error
@@ -261,8 +262,7 @@ def _on_this_machine(work: Callable[[Argument], Result], arguments: Iterable[Arg
 
 
 def _end_with(parent: int) -> None:
-    """Let this worker process end with its parent, even if the parent is killed; on Ctrl-C, the parent ends it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Let this worker process end with its parent, even if the parent is killed."""
 
     def watch() -> None:
         while os.getppid() == parent:

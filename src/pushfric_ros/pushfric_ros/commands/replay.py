@@ -39,7 +39,7 @@ def replay(
         bool, typer.Option("--stay", help="Keep the last estimate on its topics, for late subscribers, until Ctrl-C.")
     ] = False,
 ) -> None:
-    model, object_file = object_of(bag, object_name)
+    model, object_file = object_of(bag, object_name, warn)
     recorded = Recorded(bag, namespace)
     settings = recorded.settings
     reading = recorded.read(model, settings, warn, partial)

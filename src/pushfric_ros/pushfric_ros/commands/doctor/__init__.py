@@ -66,7 +66,7 @@ def _examine_cell(cell: CellFile, progress: Callable[[str], None]) -> Iterator[C
     try:
         model = load_object(cell.object)
         if cell.pusher is not None:
-            yield camera.check_plan(cell.plan, cell.pusher, model)
+            yield camera.check_plan(cell.plan, model)
     except InvalidInput as error:
         yield Check("object", Grade.FAILED, str(error), "docs/files.md shows an object's file")
     if cell.camera is not None:
