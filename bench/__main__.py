@@ -17,7 +17,7 @@ from rich.table import Table
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))  # started as `python bench`, from any folder
 
-from bench import costs, footprint, pipeline, public_pushes, services, soak, updates
+from bench import footprint, pipeline, public_pushes, services, soak, updates
 from bench.display import Verdict, plain_tables
 from bench.observations import GRIDS
 from bench.program import start
@@ -49,7 +49,6 @@ def _flag(name: str, text: str) -> Any:
 FOLDERS = "With --public: what `import` wrote."
 SOAK = "Measure only whether the memory, threads and files of a running cell's nodes grow, for this long."
 PUBLIC = "Measure only what the estimates are worth on public pushes; the figure goes to --plot, the table next to it."
-COSTS = "Measure only where time and memory go, and write the tables of docs/graph.md and docs/estimation.md: 2 minutes."
 PLANNING = "Measure only the answers of the planner node."
 FOOTPRINT = "Measure only memory, start and end of the processes, next to a bare rclpy node: 2 minutes."
 
@@ -62,7 +61,6 @@ def bench(
     public: _flag("public", PUBLIC) = False,
     live: _flag("live", "Also measure image to estimate in the live graph, in real time: 2 minutes.") = False,
     footprint_only: _flag("footprint", FOOTPRINT) = False,
-    costs_only: _flag("costs", COSTS) = False,
     planning_only: _flag("planning", PLANNING) = False,
     minutes: Annotated[float | None, typer.Option("--soak", help=SOAK, metavar="MINUTES", min=0, show_default=False)] = None,
     json: JsonOption = None,
@@ -81,8 +79,6 @@ def bench(
         check_image_name(plot)
         sets = [one for folder in folders or () for one in public_pushes.sets_in(folder)]
         sections["public_pushes"] = public_pushes, sets, plot
-    elif costs_only:
-        sections["costs"] = (costs,)
     elif footprint_only:
         sections["footprint"] = (footprint,)
     elif planning_only:

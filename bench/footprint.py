@@ -98,7 +98,7 @@ def _cpu(arguments: list[str | pathlib.Path]) -> float:
     return float(np.median(np.diff(spent)))
 
 
-def demo(rounds: int = ROUNDS) -> Figures:
+def demo() -> Figures:
     """Start the demo several times; run the last one until its memory is known, with a bare node next to it.
 
     Returns:
@@ -107,7 +107,7 @@ def demo(rounds: int = ROUNDS) -> Figures:
     with new_run() as bare:
         bare.start(sys.executable, "-c", BARE_NODE)
         bare.wait_for_output("ready")
-        first_poses = [_started_demo(0.0)[0] for _ in range(rounds - 1)]
+        first_poses = [_started_demo(0.0)[0] for _ in range(ROUNDS - 1)]
         first_pose, samples = _started_demo(WATCHED)
         bare_memory = _memory(psutil.Process(bare.process.pid))
     largest = max(samples, key=lambda sample: sum(sample.values()))

@@ -6,8 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from bench import costs, display, footprint, pipeline, services, soak
-from pushfric_core.errors import InvalidInput
+from bench import display, footprint, pipeline, services, soak
 
 MS = 1_000_000
 
@@ -53,23 +52,6 @@ def test_cpu_time_is_that_of_the_command_and_its_children(monkeypatch):
     burn = "import time\nwhile time.process_time() < 0.3: pass"
     seconds = footprint._cpu(["bash", "-c", f"{sys.executable} -c '{burn}'; true"])
     assert seconds >= 0.3
-
-
-def test_a_table_takes_the_place_of_the_one_between_its_marks(tmp_path):
-    document = tmp_path / "page.md"
-    document.write_text("before\n<!-- bench --costs: memory -->\nold\n<!-- end of memory -->\nafter\n")
-    costs._write(document, "memory", ("process", "MiB"), {"tracker": 41.26}, ".0f")
-    table = "| process | MiB |\n|---|---|\n| tracker | 41 |\n"
-    assert document.read_text() == f"before\n<!-- bench --costs: memory -->\n{table}<!-- end of memory -->\nafter\n"
-    with pytest.raises(InvalidInput, match="expected the lines <!-- bench --costs: latency --> and <!-- end of latency -->"):
-        costs._write(document, "latency", ("way", "ms"), {"all": 1.0}, ".0f")
-
-
-def test_each_part_of_an_observation_takes_time(monkeypatch):
-    monkeypatch.setattr(costs, "ROUNDS", 1)
-    found = costs._observation()
-    assert found.keys() == set(costs.PARTS)
-    assert sum(found.values()) > 0
 
 
 def growth(node: str, memory, threads=12.0, keeps=0.0) -> dict[str, dict]:
