@@ -379,21 +379,24 @@ def test_poses_that_are_too_early_for_most_observations_are_a_doubt(recording, w
     assert 0.4 * fewer < doubt.lost < 1.5 * fewer
 
 
-def test_a_silent_pusher_is_a_doubt_where_the_object_moves(recording, tmp_path):
-    """Not the time alone: a pusher at rest may report seldom."""
+def without_its_states(recording, number, msg):
     begin, end = recording.span_of(13)
-    kept = [m for m in recording.messages if m.topic != STATE or not begin - SECOND // 2 < m.log_time_ns < end + SECOND // 2]
-    reading, _ = reading_of(recording.write(tmp_path / "bag", [m for m in kept if m.topic in STREAMS]))
+    return None if begin - SECOND // 2 < recording.messages[number].log_time_ns < end + SECOND // 2 else msg
+
+
+def without_its_id(recording, number, msg):
+    def change(content):
+        content.push_id = -1 if content.push_id == 13 else content.push_id
+
+    return recording.changed(msg, change)
+
+
+@pytest.mark.parametrize("change", [without_its_states, without_its_id])
+def test_a_push_that_no_pusher_state_tells_of_is_a_doubt_where_the_object_moves(recording, tmp_path, change):
+    """Not the time alone: a pusher at rest may report seldom."""
+    states = set(recording.numbers(STATE))
+    kept = [change(recording, number, msg) if number in states else msg for number, msg in enumerate(recording.messages)]
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", [msg for msg in kept if msg is not None]))
     (doubt,) = reading.ledger.doubts
     assert doubt.code is DoubtCode.STATES_MISSING
     assert re.fullmatch(r"no pusher state tells of a push for \d\.\d+ s, in which the object moved by \d+ mm", doubt.text)
-
-
-def test_a_push_without_an_id_is_a_doubt(recording, tmp_path):
-    def change(msg):
-        msg.push_id = -1 if msg.push_id == 13 else msg.push_id
-
-    states = set(recording.numbers(STATE))
-    changed = [recording.changed(m, change) if number in states else m for number, m in enumerate(recording.messages)]
-    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", changed))
-    assert [one.code for one in reading.ledger.doubts] == [DoubtCode.STATES_MISSING]
