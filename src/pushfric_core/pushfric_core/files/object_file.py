@@ -171,9 +171,9 @@ def make_object(file: ObjectFile, where: str) -> ObjectModel:
     with blaming(where):
         outline = Outline(np.array(file.outline))
         points = file.support.points_over(outline)
+        _check_on("support points", points, outline)
         if (points == points[0]).all():
             raise ValueError(f"the support points must differ, got only ({points[0, 0]:g}, {points[0, 1]:g})")
-        _check_on("support points", points, outline)
         hypotheses = tuple(hypothesis.over(outline, points) for hypothesis in file.hypotheses)
         for hypothesis in hypotheses:
             _check_on(f"the support points of {hypothesis.name}", hypothesis.support_points, outline)

@@ -15,7 +15,7 @@ from pushfric_core.formats.body import CLEARANCE, FOOT_RADIUS, GYRATION, SHELL_M
 from pushfric_core.geometry.planar import Array
 
 TIME_STEP = 1e-3
-"""Of MuJoCo [s]."""
+"""Time step of MuJoCo [s]."""
 
 SOLVER: dict[str, Any] = {"impratio": 100, "integrator": "implicitfast"}
 """impratio is the ratio of the stiffness of friction to that of the normal force: a sliding foot bears its full friction
