@@ -107,10 +107,10 @@ class Course:
 
     def see(self, before: PusherSample, after: PusherSample, sample: PoseSample, reach: float) -> None:
         """A frame between two states, of an object with corners up to this far from its origin [m]."""
-        goes_on = before.push_id == after.push_id and before.line == after.line and before.speed > RESTS
+        goes_on = before.push_id == after.push_id and before.line == after.line and min(before.speed, after.speed) > RESTS
         if before.push_id is not None and before.push_id == after.push_id:
             seen = self.push_at(sample.stamp)
-        elif after.stamp - before.stamp > SILENT * NANOSECONDS or goes_on:
+        elif after.stamp - before.stamp > COMMON * NANOSECONDS or goes_on:
             if not self._silences or self._silences[-1].last not in (before, after):
                 self._silences.append(Push(-1, before, after, None))
             seen = self._silences[-1]
@@ -164,7 +164,8 @@ class Course:
         common = _common(poses.pauses, states.pauses)
         for begin, end in common:
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
-        silences = [one for one in self._silences if max(one.ways) > WAY]
+        # where no state is missing, they came late, and somebody may have placed the object meanwhile
+        silences = [one for one in self._silences if max(one.ways) > WAY and (not numbered or one.first.speed > RESTS)]
         silences = [one for one in silences if not any(one.first.stamp <= begin < one.last.stamp for begin, _ in common)]
         if 2 * len(silences) <= len(self.pushes):  # else this pusher reports no better
             for one in silences:
