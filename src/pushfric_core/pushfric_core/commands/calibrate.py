@@ -31,7 +31,7 @@ from pushfric_core.vision.calibration import (
     read_table_points,
     table_from_frames,
 )
-from pushfric_core.vision.camera import Camera, Image, check_size, load_camera, load_lens, save_camera
+from pushfric_core.vision.camera import Camera, Image, check_size, load_camera, load_lens, save_camera, table_fields
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_core.vision.frame_source import ACCEPTED, Frames
 from pushfric_core.vision.tip_measurement import measure_tip, tip_findings, tip_picture
@@ -130,8 +130,7 @@ def table(
         else:
             frames = frames_from(source, namespace, (known.width, known.height))
             found = table_from_frames(frames, _board(columns, rows, square), known, say)
-        homography = {"rows": 3, "cols": 3, "data": found.camera.H.ravel().tolist()}
-        write_whole(camera, edited_yaml(camera, None, {"table_homography": homography}))
+        write_whole(camera, edited_yaml(camera, None, table_fields(found.camera)))
     say(
         f"{camera}: reprojection error {found.rms_px:.3f} px, {1e3 * found.rms:.3f} mm on the table;"
         f" worst {1e3 * found.errors.max():.3f} mm",

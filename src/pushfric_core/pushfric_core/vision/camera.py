@@ -211,6 +211,11 @@ def load_camera(path: str | pathlib.Path) -> Camera:
     return _loaded(path, lambda fields: _lens(fields).over(np.reshape(_matrix(fields, "table_homography", 9), (3, 3))))
 
 
+def table_fields(camera: Camera) -> dict[str, Any]:
+    """The fields of a camera's file that are not those of its lens."""
+    return {"table_homography": {"rows": 3, "cols": 3, "data": camera.H.ravel().tolist()}}
+
+
 def save_camera(camera: Lens, path: str | pathlib.Path) -> None:
     """Write a lens or a camera so that `load_lens` or `load_camera` reads it; camera_info_manager reads the lens of either.
 
@@ -229,7 +234,7 @@ def save_camera(camera: Lens, path: str | pathlib.Path) -> None:
         "projection_matrix": {"rows": 3, "cols": 4, "data": info["p"]},
     }
     if isinstance(camera, Camera):
-        fields["table_homography"] = {"rows": 3, "cols": 3, "data": camera.H.ravel().tolist()}
+        fields |= table_fields(camera)
     write_whole(pathlib.Path(path), yaml.safe_dump(fields, sort_keys=False, default_flow_style=None))
 
 
