@@ -4,10 +4,9 @@ Only stamps, ids, and where the tip was are needed. A pause of one stream is a d
 between pushes cameras are covered, and pushers at rest report seldom.
 """
 
-from array import array
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise, product
 from math import gcd
 from typing import NamedTuple
@@ -60,7 +59,7 @@ UNPLANNED = Planned()
 
 @dataclass(slots=True)
 class Push:
-    """A push, by the pusher states with its id, and the frames between them."""
+    """A push, by the pusher states with its id, and what the frames between them show of it."""
 
     push_id: int
     first: "PusherSample"
@@ -68,15 +67,9 @@ class Push:
     before: "PusherSample | None"  # the state before the first one
     after: "PusherSample | None" = None  # the state after the last one
     states: int = 1  # with its id
-    begin: "Pose | None" = None  # the first one in which the object was seen
-    ways: "array[float]" = field(default_factory=lambda: array("f"))  # from there to each of the next ones [m]
+    moving: int = 0  # frames in which the object moves
+    way: float = 0.0  # how far the object moved [m]
     made: int = 0  # observations
-
-    @property
-    def moving(self) -> int:
-        """The number of frames in which the object moves."""
-        ways = np.array(self.ways)
-        return int(np.argmax(ways >= OVER * ways.max()) - np.argmax(ways > BEGUN * ways.max())) if len(ways) else 0
 
 
 class Course:
@@ -90,6 +83,9 @@ class Course:
         self.pushes: list[Push] = []
         self._last: PusherSample | None = None
         self._silences: list[Push] = []  # times without a state, or with those of a tip that goes on, but in no push
+        self._seen: Push | None = None  # the newest of both that frames show
+        self._begin = Pose(0.0, 0.0, 0.0)  # where the object was in the first of these
+        self._ways: list[float] = []  # from there to where it is in each of them [m]
         self._tells_speed = False
 
     def add(self, state: "PusherSample") -> None:
@@ -107,18 +103,27 @@ class Course:
 
     def see(self, before: PusherSample, after: PusherSample, sample: PoseSample, reach: float) -> None:
         """A frame between two states, of an object with corners up to this far from its origin [m]."""
-        goes_on = before.push_id == after.push_id and before.line == after.line and min(before.speed, after.speed) > RESTS
         if before.push_id is not None and before.push_id == after.push_id:
             seen = self.push_at(sample.stamp)
-        elif after.stamp - before.stamp > COMMON * NANOSECONDS or goes_on:
+        else:
+            goes_on = before.push_id == after.push_id and before.line == after.line and min(before.speed, after.speed) > RESTS
+            if not goes_on and after.stamp - before.stamp <= COMMON * NANOSECONDS:
+                return
             if not self._silences or self._silences[-1].last not in (before, after):
                 self._silences.append(Push(-1, before, after, None))
             seen = self._silences[-1]
             seen.last = after
-        else:
-            return
-        seen.begin = seen.begin or sample.pose
-        seen.ways.append(moved(seen.begin, sample.pose, reach))
+        if seen is not self._seen:
+            self._sum_up()
+            self._seen, self._begin, self._ways = seen, sample.pose, []
+        self._ways.append(moved(self._begin, sample.pose, reach))
+
+    def _sum_up(self) -> None:
+        """Note what the frames so far show."""
+        if self._seen is not None:
+            ways = np.array(self._ways)
+            self._seen.way = far = float(ways.max())
+            self._seen.moving = int(np.argmax(ways >= OVER * far) - np.argmax(ways > BEGUN * far))
 
     def push_at(self, stamp: int) -> Push:
         """The newest push that had begun by then [ns]."""
@@ -145,6 +150,7 @@ class Course:
         """
         if poses.last is None or states.last is None:
             return
+        self._sum_up()
 
         def observations(time: int) -> int:
             return max(1, round(time / (poses.usual * config.stride))) if poses.usual else 1
@@ -165,11 +171,11 @@ class Course:
         for begin, end in common:
             yield Doubt(DoubtCode.BOTH_MISSING, f"neither poses nor pusher states came for {seconds(end - begin)}", begin)
         # where no state is missing, they came late, and somebody may have placed the object meanwhile
-        silences = [one for one in self._silences if max(one.ways) > WAY and (not numbered or one.first.speed > RESTS)]
+        silences = [one for one in self._silences if one.way > WAY and (not numbered or one.first.speed > RESTS)]
         silences = [one for one in silences if not any(one.first.stamp <= begin < one.last.stamp for begin, _ in common)]
         if 2 * len(silences) <= len(self.pushes):  # else this pusher reports no better
             for one in silences:
-                begun, way = one.first.stamp, f"the object moved by {1e3 * max(one.ways):.0f} mm"
+                begun, way = one.first.stamp, f"the object moved by {1e3 * one.way:.0f} mm"
                 text = f"no pusher state tells of a push for {seconds(one.last.stamp - begun)}, in which {way}"
                 yield Doubt(DoubtCode.STATES_MISSING, text, begun)
         if self.pushes:
