@@ -258,6 +258,18 @@ def test_clocks_that_step_against_each_other_are_a_doubt(recording, tmp_path, of
     assert abs(doubt.stamp - recording.messages[recording.numbers(POSE)[435]].log_time_ns) < 3 * SECOND
 
 
+def test_a_busy_start_is_no_step_of_a_clock(recording, tmp_path):
+    """All of its first poses come 60 to 160 ms late, in order, as where a cell starts on a computer that has other work."""
+    poses = recording.numbers(POSE)
+    late = np.zeros(len(poses), int)
+    late[:60] = np.random.default_rng(0).integers(60 * SECOND // 1000, 160 * SECOND // 1000, 60)
+    times = np.maximum.accumulate(late + [recording.messages[number].log_time_ns for number in poses])
+    came = dict(zip(poses, (times + np.arange(len(poses))).tolist(), strict=True))
+    busy = [m._replace(log_time_ns=came.get(n, m.log_time_ns)) for n, m in enumerate(recording.messages)]
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", sorted(busy, key=lambda m: m.log_time_ns)))
+    assert reading.ledger.doubts == []
+
+
 def test_the_last_push_may_be_repeated_twice(recording, tmp_path):
     """Without the plan, which has twelve pushes here."""
     reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", renamed(recording, {12: 23, 13: 35})))

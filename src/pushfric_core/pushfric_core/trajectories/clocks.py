@@ -32,6 +32,12 @@ BURST = 0.25
 SMALLEST = 0.04
 """A smaller step or lag [s] is not told from the delays of a busy machine."""
 
+CLEAR = 2.0
+"""Nor is a step that is smaller than this multiple of what the delays of a block are above the least, in the median.
+
+As a cell starts, all samples of FEWEST blocks may wait; but not all alike.
+"""
+
 OTHER_SPEED = 0.05
 """Where both streams are received faster or slower than they are stamped by more than this fraction, the receiver has another
 kind of time, as one that records a simulated cell by the time of day: it shows no steps."""
@@ -76,7 +82,9 @@ class Clocks:
     def _larger(self, found: tuple[float, ClockStep] | None, time: int) -> tuple[float, ClockStep] | None:
         """The step that was found, or that at a time, if it is larger."""
         size, nearby = (self._streams[1].change(time, most) - self._streams[0].change(time, most) for most in (MOST, FEWEST))
-        if not abs(size) > SMALLEST * 1e9 or (found is not None and not abs(nearby) > found[0]):
+        if not abs(size) > SMALLEST * 1e9 or abs(size) < CLEAR * max(one.scatter(time) for one in self._streams):
+            return found
+        if found is not None and not abs(nearby) > found[0]:
             return found
         return abs(nearby), ClockStep(time, size * 1e-9)
 
@@ -88,6 +96,7 @@ class _Delays:
         self._block: list[int] = []
         self._ends: list[int] = []  # when the last sample of each block was received [ns]
         self._least: list[int] = []  # the second least delay of each block [ns]
+        self._above: list[int] = []  # the median delay of each block above that [ns]
         self._first: tuple[int, int] | None = None  # stamp and time of receipt of the first sample [ns]
         self._last = (0, 0)  # likewise of the last one
 
@@ -101,7 +110,9 @@ class _Delays:
         if len(self._block) < BLOCK:
             return False
         self._ends.append(received)
-        self._least.append(sorted(self._block)[1])
+        delays = sorted(self._block)
+        self._least.append(delays[1])
+        self._above.append(delays[BLOCK // 2] - delays[1])
         self._block.clear()
         return True
 
@@ -119,6 +130,11 @@ class _Delays:
         """By how much the least delay of so many blocks grows at a time [ns]; NaN if too few lie on one side."""
         rank = bisect_right(self._ends, time)
         return self._least_of(rank, rank + most) - self._least_of(max(0, rank - most), rank)
+
+    def scatter(self, time: int) -> float:
+        """What the delays are above the least, in the median, before or after a time: the larger of the two [ns]."""
+        rank = bisect_right(self._ends, time)
+        return max(float(np.median(one)) for one in (self._above[max(0, rank - MOST) : rank], self._above[rank : rank + MOST]))
 
     def _least_of(self, begin: int, end: int) -> float:
         blocks = self._least[begin:end]
