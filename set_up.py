@@ -192,7 +192,7 @@ def main(arguments: list[str], underlay: str | None, situation: str) -> None:
         remember(underlay, situation, folders, since)
         remove_unused()
     if command == "test":
-        sys.exit(run_tests(arguments[1:], underlay))
+        run_tests(arguments[1:], underlay)
     if command in PROGRAMS:
         program, *first = PROGRAMS[command]
         execute(["python3", ROOT / program, *first, *arguments[1:]], underlay)
@@ -638,25 +638,20 @@ def has_cpp(underlay: str | None) -> bool:
     return underlay is not None and any((pathlib.Path(prefix) / "share/rclcpp").is_dir() for prefix in underlay.split(":"))
 
 
-def run_tests(arguments: list[str], underlay: str | None) -> int:
-    """Lint and types over everything, then pytest; the pytest summary comes last.
+def run_tests(arguments: list[str], underlay: str | None) -> NoReturn:
+    """Replace this process by pytest, of which lint and types are tests, too.
 
     The tests of a file stay in one process, because they share what is set up once. `-n 0` among the arguments runs all tests
     in one process, as `--pdb` wants it.
     """
-    code = 0
     parallel = ["-n", str(len(os.sched_getaffinity(0)) + WAITING), "--dist", "loadfile", "--no-loadscope-reorder"]
-    for check in (["ruff", "check"], ["ruff", "format", "--check"], ["mypy"], ["pytest", *parallel, *arguments]):
-        command = in_environment(["python3", "-m", *check], underlay)
-        # these end with their own last words
-        environment = keeping_bytecode()
-        code = subprocess.run(command, cwd=ROOT, env=environment, preexec_fn=release).returncode or code
-        if interrupted():
-            raise KeyboardInterrupt
-    return code
+    os.chdir(ROOT)
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    release()
+    execute(["python3", "-m", "pytest", *parallel, *arguments], underlay)
 
 
-def execute(command: list[str], underlay: str | None) -> None:
+def execute(command: list[str], underlay: str | None) -> NoReturn:
     os.execvp("bash", list(map(str, in_environment(command, underlay))))
 
 

@@ -32,8 +32,8 @@ PUSHES = 5
 STOPPED, COVERED, MISPLACED = 1, 2, 3
 """Indices of the pushes in which something happens."""
 
-TRUE, SHOWN = "camera/image_raw", "image_raw"
-"""The topic on which the camera publishes, and the topic that the tracker receives."""
+TRUE, SHOWN, LAID = "camera/image_raw", "image_raw", "laid"
+"""The topic on which the camera publishes, that which the tracker receives, and where the object is laid."""
 
 RUN = f"""
 import pathlib, sys
@@ -48,7 +48,7 @@ folder = pathlib.Path(sys.argv[1])
 plan = PlanConfig(str(folder / "plan.yaml"), distance=0.03, speed=0.01)
 specs = graph.simulated_cell(replace(demo_cell("wood_rect4", folder), plan=plan), str(folder / "bag"), seed=1, speed=1.0)
 changed = {{
-    "simulated_cell": lambda spec: replace(spec, remappings={{**spec.remappings, "{SHOWN}": "{TRUE}"}}),
+    "simulated_cell": lambda spec: replace(spec, remappings={{**spec.remappings, "{SHOWN}": "{TRUE}", "placement": "{LAID}"}}),
     "experiment": lambda spec: replace(spec, parameters={{**spec.parameters, "lost_object": plan.lost_object}}),
 }}
 specs = [changed.get(spec.name, lambda spec: spec)(spec) for spec in specs]
@@ -61,7 +61,7 @@ sys.exit(ended.code)
 
 
 class Hands:
-    """What happens at the cell: a cloth falls over the camera, and the object is laid 50 mm beside its place."""
+    """What happens at the cell: the object is laid where it is asked for, once 50 mm beside; a cloth falls over the camera."""
 
     def __init__(self, ros) -> None:
         node = ros.node("hands", namespace=graph.NAMESPACE)
@@ -70,18 +70,17 @@ class Hands:
         self.misplace_in = 0  # at which placement from now the object is laid beside its place
         self.asked: PoseStamped | None = None
         self.state = PusherState(push_id=PusherState.NO_PUSH)
-        self._laid: PoseStamped | None = None
         self._shown = node.create_publisher(Image, SHOWN, SENSOR_DATA)
-        self._placement = node.create_publisher(PoseStamped, "placement", LATCHED)
+        self._laid = node.create_publisher(PoseStamped, LAID, LATCHED)
         node.create_subscription(Image, TRUE, self._on_image, SENSOR_DATA)
         node.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
         node.create_subscription(PusherState, "pusher_state", self._on_state, RELIABLE)
 
     def lay(self, beside: float) -> None:
         """Lay the object where it was asked for, or beside it [m]."""
-        self._laid = copy.deepcopy(self.asked)
-        self._laid.pose.position.x += beside
-        self._placement.publish(self._laid)
+        laid = copy.deepcopy(self.asked)
+        laid.pose.position.x += beside
+        self._laid.publish(laid)
 
     def pushes(self, index: int) -> bool:
         """Whether the push with this index is under way, the first time, and moves."""
@@ -93,10 +92,8 @@ class Hands:
         self._shown.publish(msg)
 
     def _on_placement(self, msg: PoseStamped) -> None:
-        if msg != self._laid:
-            self.asked, self.misplace_in = msg, self.misplace_in - 1
-            if self.misplace_in == 0:  # here, so that a busy machine is not too late
-                self.lay(beside=0.05)
+        self.asked, self.misplace_in = msg, self.misplace_in - 1
+        self.lay(beside=0.05 if self.misplace_in == 0 else 0.0)
 
     def _on_state(self, msg: PusherState) -> None:
         self.state = msg

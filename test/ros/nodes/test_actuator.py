@@ -610,17 +610,6 @@ def test_after_a_power_cut_during_a_push_nothing_moves_until_a_person_confirms(r
     assert controller.position() == pytest.approx(0.02)
 
 
-def test_after_a_power_cut_at_rest_away_from_zero_nothing_moves(ros, controller, tmp_path, capfd):
-    cell = Cell(ros, tmp_path / "port").ready()
-    cell.result(cell.send(0.0005))
-    cell.wait_for_mode(PusherState.MODE_IDLE)
-    controller.reset()
-    ros.wait_for(lambda: "when the connection was lost" in capfd.readouterr().err, what="the complaint")
-    cell.refuses(controller, capfd, UNVOUCHED)
-    assert cell.reset().success
-    cell.wait_for_mode(PusherState.MODE_IDLE)
-
-
 def test_a_port_that_appears_later_is_connected(ros, tmp_path, capfd):
     cell = Cell(ros, tmp_path / "port")
     cell.wait_for_mode(PusherState.MODE_DISCONNECTED)

@@ -348,12 +348,12 @@ def test_requests_of_clients_that_are_gone_are_dropped_and_their_services_end(ro
     shared = cell.client("planner/predict_push", PredictPush, node=gone)
     clients = [shared, *(cell.client("predict_push", node=gone) for _ in range(2))]
     ros.wait_for(lambda: len(own_services(cell)) == 2, what="a service for each client")
-    monkeypatch.setattr(turns, "PATIENCE", 0.0)
     with monkeypatch.context() as held:
         held.setattr(turns, "TURN", 0.0)  # no work is done before the clients have gone
         for client in clients:
             client.call_async(push_request())
         ros.wait_for(lambda: cell.planner._turns.waiting == len(clients), what="the requests")
+        monkeypatch.setattr(turns, "PATIENCE", 0.0)  # from now on: a client may be missed for a moment
         names = [client.service_name for client in clients]
         gone.destroy_node()
         ros.wait_for(lambda: not any(map(cell.planner.count_clients, names)), what="the clients' end")

@@ -132,7 +132,7 @@ class _Delays:
         return self._least_of(rank, rank + most) - self._least_of(max(0, rank - most), rank)
 
     def scatter(self, time: int) -> float:
-        """What the delays are above the least, in the median, before or after a time: the larger of the two [ns]."""
+        """The median of what delays are above the least, before or after a time: the larger of the two [ns]."""
         rank = bisect_right(self._ends, time)
         return max(float(np.median(one)) for one in (self._above[max(0, rank - MOST) : rank], self._above[rank : rank + MOST]))
 

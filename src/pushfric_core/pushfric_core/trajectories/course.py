@@ -302,13 +302,14 @@ def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, li
     runs: list[list[int]] = [[begin]]
     seen: set[int] = set()
     for one in ids:
-        smaller, larger = ([i for i in runs[-1] if i < one], [i for i in runs[-1] if i > one])
-        are_repeats = not larger or (smaller and gcd(*(i - smaller[-1] for i in larger)) > one)
-        if not are_repeats or (one in seen and one != runs[-1][-1]):
+        run = runs[-1]
+        rank, larger = bisect_left(run, one), run[bisect_right(run, one) :]
+        are_repeats = not larger or (rank and gcd(*(i - run[rank - 1] for i in larger)) > one)
+        if not are_repeats or (one in seen and one != run[-1]):
             runs.append([])
-            smaller, seen = [], set()
+            rank, seen = 0, set()
         seen.add(one)
-        runs[-1] = [*smaller, one]
+        runs[-1][rank:] = [one]
     for run in runs:
         if planned.number is None:
             for last in run[-3:-1]:
