@@ -104,7 +104,6 @@ UV_NAMES = {
     "trusted-host": "UV_INSECURE_HOST",
 }
 """Settings of pip -> variables of uv."""
-UV_SEPARATORS = {"find-links": ","}
 
 STRIPPED = 2**16
 """Symbols for debuggers are taken out of libraries larger than this: the others have few [bytes]."""
@@ -492,7 +491,7 @@ def uv_settings(pip: list) -> dict[str, str]:
         key, _, value = line.partition("=")
         found.setdefault(key.rpartition(".")[2], []).extend(ast.literal_eval(value).split())
     settings = {
-        UV_NAMES[key]: UV_SEPARATORS.get(key, " ").join(dict.fromkeys(values))
+        UV_NAMES[key]: ("," if key == "find-links" else " ").join(dict.fromkeys(values))
         for key, values in found.items()
         if key in UV_NAMES
     }

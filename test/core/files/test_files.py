@@ -206,6 +206,8 @@ def test_a_cell_finds_its_files_in_its_own_folder(write, tmp_path):
             "cell.yaml: pusher: port must be given: serial port of the controller",
         ),
         (CELL.replace("[0, 1]", "[0, 0]"), r"pusher: line_direction must have a length, got \(0, 0\)"),
+        (CELL.replace("[0, 1]", "[0, .nan]"), "pusher: line_direction "),
+        (CELL.replace("line_origin: [0, 0]", "line_origin: [0]"), "pusher: line_origin "),
         (CELL + "namespace: my cell", "yaml: namespace must be like /cell or /hall/cell_2, got 'my cell'$"),
         (CELL + "recorder: {topics: [tf]}", r"recorder: topics must be 'name .*', got 'tf'$"),
         ("object: rubber_rect4", "camera: calibration must be given: path of the camera's calibration YAML"),

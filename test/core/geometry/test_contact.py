@@ -1,7 +1,6 @@
 import numpy as np
-import pytest
 
-from pushfric_core.geometry.contact import PushingLine, contact_interval, friction_cone, pushing_line
+from pushfric_core.geometry.contact import PushingLine, contact_interval, friction_cone
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Pose, transform
 
@@ -26,16 +25,3 @@ def test_a_line_touches_the_object_where_the_tip_stands(rng):
         touch = line.touch(outline, pose)
         tip = np.array(line.origin) + touch.distance * np.array(line.direction)
         assert np.allclose(transform(pose, touch.point + 0.004 * touch.normal), tip)
-
-
-@pytest.mark.parametrize(
-    ("origin", "direction", "text"),
-    [
-        ((0.0,), (0.0, 1.0), "line_origin must be two finite numbers"),
-        ((0.0, 0.0), (0.0, np.nan), "line_direction must be two finite numbers"),
-        ((0.0, 0.0), (0.0, 0.0), "line_direction must have a length"),
-    ],
-)
-def test_impossible_lines_are_refused(origin, direction, text):
-    with pytest.raises(ValueError, match=text):
-        pushing_line(origin, direction, 0.0)

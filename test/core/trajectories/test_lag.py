@@ -1,5 +1,7 @@
 """By how much the clocks of poses and pusher states differ, from pushes that begin, go on evenly, and end at rest."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.special import stdtrit
@@ -24,7 +26,7 @@ def watched(offset, noise, rng, config=None, stops=True, turn=0.0, count=8):
         for time in np.arange(0.0, PERIOD - 0.5, 0.05):
             tip = min(time * SPEED, END) if time < rest + 0.1 else 0.0
             moving = time < rest - 1e-9
-            line = LINE._replace(origin=(turn * time, 0.0))
+            line = dataclasses.replace(LINE, origin=(turn * time, 0.0))
             push_id = push if moving or (stops and time < rest + 0.1) else None
             stamp = round((start + time) * 1e9)
             samples.append((stamp, PusherSample(stamp, tip + DEPTH, SPEED if moving else 0.0, line, push_id)))

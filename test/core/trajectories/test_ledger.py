@@ -1,5 +1,6 @@
 """Every sample ends in exactly one account, and a wild stamp costs one sample."""
 
+import dataclasses
 import itertools
 import pathlib
 from collections import Counter
@@ -271,7 +272,7 @@ def test_a_push_that_moves_the_object_but_gives_nothing_is_a_doubt():
     poses, states = streams(wrenches=False)
     for number, one in enumerate(states):
         if one.push_id in (1, 3):
-            states[number] = one._replace(line=one.line._replace(origin=(0.5, one.line.origin[1])))
+            states[number] = one._replace(line=dataclasses.replace(one.line, origin=(0.5, one.line.origin[1])))
     found, ledger = of(by_time([poses, states]), forces=False)
     (doubt,) = ledger.doubts
     assert doubt.code is DoubtCode.FEW_OBSERVATIONS

@@ -1,3 +1,4 @@
+import dataclasses
 import functools
 import re
 
@@ -277,7 +278,10 @@ def test_a_free_tip_that_is_away_or_at_a_corner_gives_nothing():
     poses, tips = arm_samples(curved, STAMPS)
 
     def shifted(by):
-        return [s._replace(line=s.line._replace(origin=(s.line.origin[0] + by[0], s.line.origin[1] + by[1]))) for s in tips]
+        return [
+            s._replace(line=dataclasses.replace(s.line, origin=(s.line.origin[0] + by[0], s.line.origin[1] + by[1])))
+            for s in tips
+        ]
 
     assert feed(Trajectory(OUTLINE), in_time(poses, shifted((0.0, -0.01)))) == []
     assert feed(Trajectory(OUTLINE), in_time(poses, shifted((0.2, 0.0)))) == []

@@ -77,6 +77,10 @@ def test_parts_without_a_simulation_are_replaced_with_a_sentence_each(others, tm
     said.clear()
     assert "tracker" in {spec.name for spec in simulated(others, tmp_path, said)}
     assert said[0] == "no simulation has the poses of other trackers: a rendered camera over the pushing line takes their place"
+    seen = (tmp_path / "camera.yaml").read_text()
+    others.write_text(others.read_text().replace("- 0\n  - 1\n", "- 0\n  - 2\n"))  # a direction may have any length
+    simulated(others, tmp_path, said)
+    assert (tmp_path / "camera.yaml").read_text() == seen
     del content["pusher"]
     others.write_text(yaml.safe_dump(content | {"poses": {"topic": "/tag"}, "tip": {"topic": "/hand", "tip_radius": 0.003}}))
     with pytest.raises(InvalidInput, match="others move this cell's robot, which cannot be simulated"):

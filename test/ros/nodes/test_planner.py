@@ -250,7 +250,7 @@ WRONG = [
     ("predict_push", {"deadline": float("nan")}, "no answer within nan s"),
     ("predict_stroke", {"starts": []}, "must have the same length, at least 1, got 0, 2, 2, 2, 2"),
     ("predict_stroke", {"directions": [0.0, 1.0, 0.0, 2.0]}, "directions must have length 1, got 2"),
-    ("predict_stroke", {"tip_radii": [0.003, -0.003]}, "tip_radii must be at least 0, got -0.003"),
+    ("predict_stroke", {"tip_radii": [0.003, -0.003]}, "a tip radius must be at least 0 and finite, got -0.003"),
     ("predict_stroke", {"positions": [0.1, float("inf")]}, "positions must be finite"),
     ("predict_stroke", {"starts": [float("nan"), *[0.0] * 5]}, "starts must be finite"),
     ("predict_push", {"tip_velocities": [0.0, 0.02, 0.01]}, "tip_velocities must have 2 numbers each, got 3 in all"),

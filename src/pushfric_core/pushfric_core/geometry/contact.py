@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import Array, Pose, as_array, left_of, rotation
+from pushfric_core.geometry.planar import Array, Pose, as_array, check_unit, left_of, rotation
 
 
-class PushingLine(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class PushingLine:
     """The straight line, fixed in the table frame, on which a round tip moves.
+
+    Raises:
+        ValueError: the origin or the radius is not finite, the direction has not length 1, or the radius is negative.
 
     Example:
         >>> from pushfric_core import Outline, Pose, PushingLine
@@ -27,6 +30,13 @@ class PushingLine(NamedTuple):
     origin: tuple[float, float]  # centre of the tip at stroke position 0 [m]
     direction: tuple[float, float]  # unit vector of the forward stroke
     tip_radius: float  # [m]
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, self.origin)):
+            raise ValueError(f"the origin of the pushing line must be finite, got {self.origin}")
+        check_unit("the direction of the pushing line", self.direction)
+        if not 0 <= self.tip_radius < math.inf:
+            raise ValueError(f"a tip radius must be at least 0 and finite, got {self.tip_radius:g}")
 
     def touch(self, outline: Outline, pose: Pose) -> Touch | None:
         """Where the tip would first meet an object at `pose` (in the table frame); None if it passes by.
@@ -46,25 +56,6 @@ class PushingLine(NamedTuple):
         """Origin and direction in the frame of an object at `pose`."""
         back = rotation(-pose.theta)  # `transform` by the inverse of the pose, and the direction turned back by it
         return as_array(self.origin) @ back.T - back @ (pose.x, pose.y), back @ as_array(self.direction)
-
-
-def pushing_line(origin: Sequence[float], direction: Sequence[float], tip_radius: float) -> PushingLine:
-    """A pushing line along a direction of any length.
-
-    Args:
-        origin: (2,) centre of the tip at stroke position 0, table frame [m].
-        direction: (2,) of the forward stroke, table frame.
-        tip_radius: [m].
-    Raises:
-        ValueError: origin or direction are not two finite numbers each, or the direction has no length.
-    """
-    for name, values in (("line_origin", origin), ("line_direction", direction)):
-        if len(values) != 2 or not np.isfinite(values).all():
-            raise ValueError(f"{name} must be two finite numbers, got {tuple(values)}")
-    length = math.hypot(*direction)
-    if length == 0:
-        raise ValueError("line_direction must have a length, got (0, 0)")
-    return PushingLine((origin[0], origin[1]), (direction[0] / length, direction[1] / length), tip_radius)
 
 
 def tangent(normal: npt.ArrayLike) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from pushfric_core.geometry.planar import Array, as_array, cross, frozen, left_of
+from pushfric_core.geometry.planar import UNIT, Array, as_array, check_unit, cross, frozen, left_of
 from pushfric_core.plausible import FARTHEST, LARGEST, check_within, other_unit
 from pushfric_core.records import comparable
 
@@ -231,9 +231,13 @@ class Outline:
             start: (2,) centre of the tip at distance 0, outside the outline and ahead of it on the line [m].
             direction: (2,) unit vector of the motion.
             radius: of the tip [m]; at 0 a corner met exactly counts as the edge it ends.
+        Raises:
+            ValueError: the direction is not unit.
         """
         # in plain numbers, as every frame asks this of few edges; the same to the last bit as `first_touches`
         (x, y), (dx, dy) = as_array(start).tolist(), as_array(direction).tolist()
+        if not abs(math.hypot(dx, dy) - 1) <= UNIT:
+            check_unit("direction", direction)
         best, edge = math.inf, -1
         for i, (ax, ay, ex, ey, nx, ny, square) in enumerate(self._sides):
             approach = dx * nx + dy * ny
@@ -261,6 +265,7 @@ class Outline:
     def first_touches(self, starts: npt.ArrayLike, directions: npt.ArrayLike, radii: npt.ArrayLike) -> Touches:
         """The first touches of r round tips: starts (r, 2), directions (r, 2) and radii (r,), as for `first_touch`."""
         starts, directions, radii = as_array(starts), as_array(directions), as_array(radii)
+        check_unit("directions", directions)
         each = np.arange(len(starts))
         distances, points, normals, edges = self._edge_touches(each, starts, directions, radii)
         offsets = self.vertices - starts[:, None]

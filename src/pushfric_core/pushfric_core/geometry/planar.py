@@ -14,6 +14,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+UNIT = 1e-3
+"""A unit vector may be longer or shorter than 1 by this much: its digits may have been rounded."""
+
 LEAST_DIVISOR = 1e-300
 """Keeps a division by zero defined where its quotient is not used, or multiplied by zero."""
 
@@ -70,6 +73,18 @@ def as_array(values: npt.ArrayLike) -> Array:
     may depend on how an array lies in memory. NumPy 2.2 to 2.4 even negates a column of eight to another place wrongly.
     """
     return np.asarray(values, dtype=np.float64, order="C")
+
+
+def check_unit(name: str, vectors: npt.ArrayLike) -> None:
+    """Refuse vectors (..., 2) unless each has length 1, within UNIT.
+
+    Raises:
+        ValueError: one has not; the text calls them `name`.
+    """
+    lengths = np.atleast_1d(np.linalg.norm(vectors, axis=-1))
+    wrong = ~(np.abs(lengths - 1) <= UNIT)  # those that are not a number, too
+    if wrong.any():
+        raise ValueError(f"{name} must have length 1, got {lengths[wrong][0]:g}")
 
 
 def frozen(values: npt.ArrayLike) -> Array:

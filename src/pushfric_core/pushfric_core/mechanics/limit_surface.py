@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, Twist, Wrench, as_array, cross, left_of
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, Twist, Wrench, as_array, check_unit, cross, left_of
 from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.damped_newton import NewtonStep, minimized
 from pushfric_core.records import comparable
@@ -169,12 +169,13 @@ class LimitSurface:
             contact_normals: (k, 2) unit, outward.
             mu_c: contact friction coefficient.
         Raises:
-            ValueError: shapes that do not fit, or mu_c is negative or not finite.
+            ValueError: shapes that do not fit, normals that are not unit, or mu_c is negative or not finite.
             SolverFailed: a motion was not found.
         """
         points, normals = as_array(contact_points), as_array(contact_normals)
         if points.ndim != 2 or points.shape[1] != 2 or points.shape != normals.shape:
             raise ValueError(f"contact_points and contact_normals must both be (k, 2), got {points.shape} and {normals.shape}")
+        check_unit("contact_normals", normals)
         if not 0 <= mu_c < math.inf:
             raise ValueError(f"mu_c must be at least 0 and finite, got {mu_c}")
         cone = math.atan(mu_c)

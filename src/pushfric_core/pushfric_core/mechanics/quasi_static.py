@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pushfric_core.errors import SolverFailed, warn_unless_compiled
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import Array, Indices, as_array, cross, left_of
+from pushfric_core.geometry.planar import Array, Indices, as_array, check_unit, cross, left_of
 from pushfric_core.geometry.support import check_points
 from pushfric_core.mechanics import least_dissipation
 from pushfric_core.mechanics.damped_newton import STILL
@@ -82,10 +82,12 @@ def motions(
         contact_normals: (k, 2) or (k, s, 2) unit, outward.
         tip_velocities: (k, 2) or (k, s, 2) of the tip, object frame [m per any unit of time].
     Raises:
-        ValueError: shapes that do not fit, values that are not finite, weights or mu_c that make no sense.
+        ValueError: shapes that do not fit, values that are not finite, weights or mu_c that make no sense, normals that are not
+            unit.
         SolverFailed: a motion did not converge.
     """
     points, weights, mu_c = _samples(support_points, weights, mu_c)
+    check_unit("contact_normals", contact_normals)
     contacts, normals, velocities = _rows(len(mu_c), contact_points, contact_normals, tip_velocities)
     count = len(contacts) // len(mu_c)
     samples, mu_cs = np.tile(np.arange(len(mu_c)), count), np.tile(mu_c, count)
@@ -141,6 +143,7 @@ def motion_cones(
     Args and raises: as `motions`.
     """
     points, weights, mu_c = _samples(support_points, weights, mu_c)
+    check_unit("contact_normals", contact_normals)
     contacts, normals = _rows(len(mu_c), contact_points, contact_normals)
     count = len(contacts) // len(mu_c)
     samples, mu_cs = np.tile(np.arange(len(mu_c)), count), np.tile(mu_c, count)
@@ -188,8 +191,9 @@ def holding_margins(
     if contacts.shape != (k, 2) or normals.shape != (k, 2) or half.shape != (k,) or twist.shape != (k, 3):
         got = f"{contacts.shape}, {normals.shape}, {half.shape}, {twist.shape}"
         raise ValueError(f"contacts, normals, half-widths and twists must be (k, 2), (k, 2), (k,) and (k, 3), got {got}")
-    if not all(np.isfinite(array).all() for array in (contacts, normals, half, twist)) or not (half >= 0).all():
-        raise ValueError("contacts, normals, half-widths and twists must be finite, and half-widths at least 0")
+    check_unit("contact_normals", normals)
+    if not all(np.isfinite(array).all() for array in (contacts, half, twist)) or not (half >= 0).all():
+        raise ValueError("contacts, half-widths and twists must be finite, and half-widths at least 0")
     if not twist.any(axis=1).all():
         raise ValueError("a stable push needs a motion, got a twist of zero")
     margins = np.empty((k, len(mu_c)))

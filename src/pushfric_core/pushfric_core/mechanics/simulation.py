@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import Array, Pose, Twist, as_array, compose, exp, rotation
+from pushfric_core.geometry.planar import Array, Pose, Twist, as_array, check_unit, compose, exp, rotation
 from pushfric_core.geometry.support import Support
 from pushfric_core.mechanics.quasi_static import MODES, ContactMode, motions_of_rows
 from pushfric_core.records import comparable
@@ -40,7 +40,7 @@ def pushed_motion(support: Support, touch: Touch, velocity: npt.ArrayLike, mu_c:
         velocity: (2,) of the tip, object frame [m/s]; into the object.
         mu_c: contact friction coefficient, >= 0.
     Raises:
-        ValueError: the tip does not move into the object.
+        ValueError: the tip does not move into the object, the normal is not unit, or mu_c is negative.
         SolverFailed: no motion balances the forces, for example if the tip wedges against a corner.
 
     Example:
@@ -50,6 +50,9 @@ def pushed_motion(support: Support, touch: Touch, velocity: npt.ArrayLike, mu_c:
         >>> pushed_motion(known.support, touch, (0.0, 0.02), known.mu_c).mode.value
         'sliding'
     """
+    check_unit("the normal", touch.normal)
+    if not mu_c >= 0:
+        raise ValueError(f"mu_c must be at least 0, got {mu_c:g}")
     velocity, point, normal = map(as_array, (velocity, touch.point, touch.normal))
     approach = float(velocity @ normal)
     if not approach < 0:

@@ -65,7 +65,8 @@ def predict_strokes(
         positions: (k,) stroke position of the tip at the end of each [m].
         step: longest advance of the tip in one step [m].
     Raises:
-        ValueError: poses, lines and positions differ in length, the step is not positive, or a tip starts inside an object.
+        ValueError: poses, lines and positions differ in length, the step is not positive, a number is not finite, or a tip
+            starts inside an object.
         SolverFailed: a motion did not converge.
 
     Example:
@@ -94,6 +95,8 @@ def stroke_steps(
         raise ValueError(f"poses, lines and positions must have the same length, got {lengths}")
     if not step > 0:
         raise ValueError(f"step must be positive, got {step:g} m")
+    if not (np.isfinite(stops).all() and np.isfinite(as_array(poses)).all()):
+        raise ValueError("poses and positions must be finite")
     w, mu_c = model.with_mean
     k, s = len(stops), len(w)
     state = as_array(poses).reshape(-1, 3)

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import NamedTuple, Protocol
 
 from pushfric_core.errors import PushfricError
-from pushfric_core.geometry.contact import pushing_line
+from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.settings import AUTO, REQUIRED, check_ranges, setting
 
 
@@ -127,7 +127,15 @@ class StageConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        pushing_line(self.line_origin, self.line_direction, self.tip_radius)
+        dx, dy = self.line_direction
+        if not 0 < math.hypot(dx, dy) < math.inf:
+            raise ValueError(f"line_direction must have a length, got ({dx:g}, {dy:g})")
+
+    @property
+    def line(self) -> PushingLine:
+        """That of the tip, along `line_direction`, which may have any length."""
+        (dx, dy), length = self.line_direction, math.hypot(*self.line_direction)
+        return PushingLine(self.line_origin, (dx / length, dy / length), self.tip_radius)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import math
 from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,7 @@ class ClockStep(NamedTuple):
 
     received: int  # when, by the clock of the receiver [ns]
     size: float  # by how much the first stream's stamps are later than before, against the other's [s]
+    nearby: float  # how large it is by the delays just before and after it [ns]
 
 
 class Clocks:
@@ -59,7 +61,7 @@ class Clocks:
     def __init__(self) -> None:
         self._streams = _Delays(), _Delays()
         self._open: list[int] = []  # ends of blocks, with too few blocks after them to judge them for good [ns]
-        self._found: tuple[float, ClockStep] | None = None  # the largest step so far, and how large it is nearby [ns]
+        self._found: ClockStep | None = None  # the largest step so far
 
     def add(self, stream: int, stamp: int, received: int) -> None:
         """Take the stamp of a sample of the first stream, 0, or the second, 1, and when it was received [ns]."""
@@ -74,19 +76,13 @@ class Clocks:
         speeds = [one.speed for one in self._streams]
         if min(speeds) > 1 + OTHER_SPEED or max(speeds) < 1 - OTHER_SPEED:
             return None
-        found = self._found
-        for time in self._open:
-            found = self._larger(found, time)
-        return None if found is None else found[1]
+        return reduce(self._larger, self._open, self._found)
 
-    def _larger(self, found: tuple[float, ClockStep] | None, time: int) -> tuple[float, ClockStep] | None:
+    def _larger(self, found: ClockStep | None, time: int) -> ClockStep | None:
         """The step that was found, or that at a time, if it is larger."""
         size, nearby = (self._streams[1].change(time, most) - self._streams[0].change(time, most) for most in (MOST, FEWEST))
-        if not abs(size) > SMALLEST * 1e9 or abs(size) < CLEAR * max(one.scatter(time) for one in self._streams):
-            return found
-        if found is not None and not abs(nearby) > found[0]:
-            return found
-        return abs(nearby), ClockStep(time, size * 1e-9)
+        is_clear = abs(size) > SMALLEST * 1e9 and abs(size) >= CLEAR * max(one.scatter(time) for one in self._streams)
+        return ClockStep(time, size * 1e-9, abs(nearby)) if is_clear and (not found or abs(nearby) > found.nearby) else found
 
 
 class _Delays:
@@ -128,17 +124,17 @@ class _Delays:
 
     def change(self, time: int, most: int) -> float:
         """By how much the least delay of so many blocks grows at a time [ns]; NaN if too few lie on one side."""
-        rank = bisect_right(self._ends, time)
-        return self._least_of(rank, rank + most) - self._least_of(max(0, rank - most), rank)
+        before, after = self._around(self._least, time, most)
+        return float(min(after) - min(before)) if min(len(before), len(after)) >= FEWEST else math.nan
 
     def scatter(self, time: int) -> float:
         """The median of what delays are above the least, before or after a time: the larger of the two [ns]."""
-        rank = bisect_right(self._ends, time)
-        return max(float(np.median(one)) for one in (self._above[max(0, rank - MOST) : rank], self._above[rank : rank + MOST]))
+        return max(float(np.median(one)) for one in self._around(self._above, time, MOST))
 
-    def _least_of(self, begin: int, end: int) -> float:
-        blocks = self._least[begin:end]
-        return float(min(blocks)) if len(blocks) >= FEWEST else math.nan
+    def _around(self, figures: list[int], time: int, most: int) -> tuple[list[int], list[int]]:
+        """The figures of so many blocks before and after a time [ns]."""
+        rank = bisect_right(self._ends, time)
+        return figures[max(0, rank - most) : rank], figures[rank : rank + most]
 
 
 GUARD = 0.2

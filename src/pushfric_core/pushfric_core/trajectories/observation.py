@@ -8,14 +8,10 @@ import numpy as np
 
 from pushfric_core.errors import UninformativePush, blaming
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import Array, Pose, Twist
+from pushfric_core.geometry.planar import UNIT, Array, Pose, Twist, check_unit
 from pushfric_core.plausible import FARTHEST, FASTEST, FASTEST_TURN, LARGEST, LONGEST, STRONGEST, check_within, other_unit
 
 Vector = tuple[float, float]
-
-UNIT = 1e-3
-"""The length of a contact normal may differ from 1 by this much, because text files round."""
-
 
 SLOWEST = 1e-100
 """The largest component of a twist lies between this and its inverse; beyond, the computation would under- or overflow."""
@@ -127,12 +123,10 @@ def check_planned_contact(outline: Outline, point: Vector, normal: Vector) -> No
     Raises:
         ValueError: it is farther than OFF_OUTLINE from the outline, or the normal is not unit, or points inward.
     """
-    x, y = normal
-    if not abs(math.hypot(x, y) - 1) <= UNIT:
-        raise ValueError(f"the normal must have length 1, got ({x:g}, {y:g})")
+    check_unit("the normal", normal)
     _check_on(outline, "the contact", point)
     if not outline.outward(point, normal, OFF_OUTLINE):
-        raise ValueError(f"the normal must point outward, away from the object, got ({x:g}, {y:g})")
+        raise ValueError(f"the normal must point outward, away from the object, got ({normal[0]:g}, {normal[1]:g})")
 
 
 def check_planned_contacts(outline: Outline, points: Array, normals: Array, first: int = 0) -> None:

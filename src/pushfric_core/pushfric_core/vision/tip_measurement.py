@@ -225,12 +225,11 @@ def _level_points(image: Array, level: float) -> Array:
 
 def tip_findings(tip: TipMeasurement, stage: StageConfig, height_is_given: bool) -> list[str]:
     """An error in the section `pusher` of a cell's file."""
-    origin, direction = np.asarray(stage.line_origin), np.asarray(stage.line_direction) / np.hypot(*stage.line_direction)
-    off, found = tip.line_origin - origin, []
+    off, found = tip.line_origin - np.asarray(stage.line.origin), []
     along, across = float(off @ tip.line_direction), float(cross(tip.line_direction, off))
     if math.hypot(along, across) >= LINE_ERROR:
         found.append(f"line_origin is {1e3 * abs(across):.2f} mm off across the line and {1e3 * abs(along):.2f} mm along it")
-    angle = float(np.arctan2(cross(direction, tip.line_direction), direction @ tip.line_direction))
+    angle = float(np.arctan2(cross(stage.line.direction, tip.line_direction), stage.line.direction @ tip.line_direction))
     if abs(angle) >= ANGLE_ERROR:
         found.append(f"line_direction is off by {math.degrees(abs(angle)):.2f} degrees")
     if abs(stage.tip_radius - tip.tip_radius) >= RADIUS_ERROR:

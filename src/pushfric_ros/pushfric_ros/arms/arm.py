@@ -19,7 +19,6 @@ import numpy as np
 
 from pushfric_core.cell.mount import MountConfig
 from pushfric_core.errors import InvalidInput, blaming
-from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Array, Pose, left_of, rotation, transform
 from pushfric_core.plugins import SOURCES, plugin
 from pushfric_core.pushers.clock import clock
@@ -148,7 +147,7 @@ class Arm(Driver):
             open_command: given the node, what moves the arm.
         """
         self._max_speed = stage.max_speed
-        line, table = pushing_line(stage.line_origin, stage.line_direction, stage.tip_radius), Pose(*config.table)
+        line, table = stage.line, Pose(*config.table)
         along = rotation(table.theta) @ line.direction
         self._axes = np.array(((*along, 0.0), (*left_of(along), 0.0), (0.0, 0.0, 1.0)))
         self._origin = np.array((*transform(table, line.origin), 0.0))

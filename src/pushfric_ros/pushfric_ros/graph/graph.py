@@ -217,7 +217,7 @@ def rendered(file: CellFile, folder: str, say: Callable[[str], None], own_pusher
     camera, tracker, pusher, driver = file.camera, file.tracker, file.pusher, file.driver
     if camera is None:
         say("no simulation has the poses of other trackers: a rendered camera over the pushing line takes their place")
-        at = np.add(pusher.line_origin, np.multiply(pusher.stroke, pusher.line_direction))
+        at = np.add(pusher.line.origin, np.multiply(pusher.stroke, pusher.line.direction))
         size = float(max(load_object(file.object).outline.size))
         save_camera(
             Camera.looking_down(640, 480, (at[0], at[1]), max(0.3, 2.5 * size) / 480), pathlib.Path(folder, "camera.yaml")

@@ -32,7 +32,7 @@ from pushfric_core.estimation.region import Region
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
-from pushfric_core.geometry.planar import CAMERA, OBJECT, Pose
+from pushfric_core.geometry.planar import CAMERA, OBJECT, Pose, check_unit
 from pushfric_core.mechanics.limit_surface import (
     ellipsoid_error,
     named_ellipsoid,
@@ -42,7 +42,7 @@ from pushfric_core.mechanics.prediction import FrictionModel
 from pushfric_core.mechanics.quasi_static import ContactMode
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
 from pushfric_core.records import fields_of, is_record
-from pushfric_core.trajectories.observation import UNIT, Observation
+from pushfric_core.trajectories.observation import Observation
 from pushfric_msgs.msg import (
     Basis,
     CenterOfFrictionRegion,
@@ -374,11 +374,9 @@ def strokes_from_msg(request: PredictStroke.Request) -> tuple[list[Pose], list[P
     """Poses before the strokes, the lines of the tip, and where it stops (k,) [m].
 
     Raises:
-        ValueError: as `arrays_from_msg`, or a radius is negative.
+        ValueError: as `arrays_from_msg`, or as for `PushingLine`.
     """
     starts, origins, directions, radii, positions = arrays_from_msg(request)
-    if not (radii >= 0).all():
-        raise ValueError(f"tip_radii must be at least 0, got {radii.min():g}")
     lines = zip(map(tuple, origins.tolist()), map(tuple, directions.tolist()), radii.tolist(), strict=True)
     return [Pose(*start) for start in starts.tolist()], [PushingLine(*line) for line in lines], positions
 
@@ -419,10 +417,7 @@ def _rows(name: str, numbers: Sequence[float]) -> np.ndarray:
         for row in rows.tolist():
             check_within(name, row, most, unit)
     if name in UNIT_VECTORS:
-        lengths = np.linalg.norm(rows, axis=1)
-        wrong = ~(np.abs(lengths - 1) <= UNIT)
-        if wrong.any():
-            raise ValueError(f"{name} must have length 1, got {lengths[wrong][0]:g}")
+        check_unit(name, rows)
     return rows
 
 

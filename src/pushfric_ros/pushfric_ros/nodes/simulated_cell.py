@@ -22,7 +22,6 @@ from pushfric_core.bags.samples import pose_from_msg, pusher_sample_from_msg
 from pushfric_core.cell.node_settings import SWITCHES, FrameConfig, ObjectConfig, SimulatedRunConfig, SimulationConfig
 from pushfric_core.errors import SolverFailed
 from pushfric_core.files.object_file import load_object
-from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import Pose
 from pushfric_core.geometry.support import Support
 from pushfric_core.geometry.table_1 import TABLE_1
@@ -87,7 +86,7 @@ class SimulatedCellNode(Node):
         name, stage, run = declare(self, ObjectConfig).object, declare(self, StageConfig), declare(self, SimulatedRunConfig)
         self._config = config = declare(self, SimulationConfig)
         self._rng = np.random.default_rng(run.seed)
-        self._line = pushing_line(stage.line_origin, stage.line_direction, stage.tip_radius)
+        self._line = stage.line
         self._object = pushed_object(name, config.contact_friction)
         self._present = False
         self._placing: tuple[float, Pose] | None = None  # (when [s], where)

@@ -154,9 +154,7 @@ def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig)
     if not off < LENS_ERROR_PX:
         advice = "`./pushfric calibrate lens` again, with the board in the corners of the picture"
         return Check("calibration", Grade.FAILED, "the lens model fails in the corners of the picture", advice)
-    direction = np.asarray(pusher.line_direction) / np.hypot(*pusher.line_direction)
-    line = np.asarray(pusher.line_origin) + np.linspace(0, pusher.stroke, 50)[:, None] * direction
-    pixels = camera.project(line)
+    pixels = camera.project(pusher.line.origin + np.linspace(0, pusher.stroke, 50)[:, None] * pusher.line.direction)
     seen = np.mean(((pixels >= 0) & (pixels <= (camera.width - 1, camera.height - 1))).all(axis=1))
     pixel = camera.metres_per_pixel()
     finding = f"a pixel is {1e3 * pixel:.2f} mm, {100 * seen:.0f} % of the pushing line are in the picture"

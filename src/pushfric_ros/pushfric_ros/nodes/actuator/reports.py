@@ -9,7 +9,6 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import String
 
-from pushfric_core.geometry.contact import pushing_line
 from pushfric_core.geometry.planar import TABLE
 from pushfric_core.pushers.pusher import Limits, Mode, PusherConfig, PusherFault, PusherReport
 from pushfric_core.pushers.states import READY, Life, Position, State
@@ -105,7 +104,7 @@ class StateTopics:
     """
 
     def __init__(self, node: Node, config: PusherConfig, topics: Diagnostics) -> None:
-        self._clock, self._line = node.get_clock(), pushing_line(config.line_origin, config.line_direction, config.tip_radius)
+        self._clock, self._line = node.get_clock(), config.line
         self._state = topics.advertise(PusherState, "pusher_state", RELIABLE)
         self._newest_stamp = 0  # of the states that were published [ns]
         self._fault = topics.advertise(String, "pusher_fault", LATCHED)
@@ -128,14 +127,14 @@ class StateTopics:
             # the answer to an earlier request may come after a state of a pusher that could not be asked: it still rested then
             stamp = max(stamp, self._newest_stamp)
         self._newest_stamp = stamp
-        (x, y), (along_x, along_y), radius = self._line
+        (x, y), (along_x, along_y) = self._line.origin, self._line.direction
         msg = PusherState(
             mode=getattr(PusherState, f"MODE_{mode.name}"),
             position=report.position,
             speed=report.speed,
             tip=Point(x=x + report.position * along_x, y=y + report.position * along_y),
             direction=Vector3(x=along_x, y=along_y),
-            tip_radius=radius,
+            tip_radius=self._line.tip_radius,
             in_doubt=in_doubt,
             age=age,
             push_id=push_id,
