@@ -707,13 +707,16 @@ def run(command: list, what: str, environment: dict[str, str]) -> None:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 code = step.wait(0.1)
                 break
-            if interrupted():
+            # a shell starts background jobs with SIGINT ignored
+            if signal.SIGINT in signal.sigpending() and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
                 end(step)
                 raise KeyboardInterrupt
             if live or time.monotonic() - shown > SHOW_EVERY:
                 shown = time.monotonic()
                 far = f"pushfric: {shown - start:4.0f} s  "
-                far += textwrap.shorten(last_line(log), width(live) - len(far), placeholder=" ...")
+                # one that is longer than the terminal is wide could not be redrawn
+                most = min(SHOWN, shutil.get_terminal_size().columns - 1) if live else SHOWN
+                far += textwrap.shorten(last_line(log), most - len(far), placeholder=" ...")
                 print(f"\r\033[K{far}" if live else far, end="" if live else "\n", file=sys.stderr, flush=True)
     if live:
         print("\r\033[K", end="", file=sys.stderr)
@@ -745,19 +748,9 @@ def interruptible() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_BLOCK, HELD)
 
 
-def interrupted() -> bool:
-    """Whether Ctrl-C was pressed; a shell starts background jobs with SIGINT ignored."""
-    return signal.SIGINT in signal.sigpending() and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
-
-
 def release() -> None:
     """Let Ctrl-C reach a process that is about to start."""
     signal.pthread_sigmask(signal.SIG_UNBLOCK, HELD)
-
-
-def width(live: bool) -> int:
-    """How long a line of progress may be; one that is longer than the terminal is wide could not be redrawn."""
-    return min(SHOWN, shutil.get_terminal_size().columns - 1) if live else SHOWN
 
 
 def last_line(log: pathlib.Path) -> str:

@@ -159,6 +159,8 @@ def test_no_observation_is_made_of_frames_from_both_sides_of_a_gap(lost):
 def test_a_pose_that_is_not_finite_is_refused():
     with pytest.raises(ValueError, match="must be finite"):
         Trajectory(OUTLINE).add_pose(PoseSample(1, Pose(np.nan, 0, 0)))
+    with pytest.raises(ValueError, match="must be finite"):
+        Trajectory(OUTLINE).add_pusher(PusherSample(1, np.nan, 0.0, LINE, None))
 
 
 def frozen(poses, k):

@@ -162,7 +162,12 @@ class Trajectory:
         """Take a pusher state, received as in `add_pose`, and return the observations that became certain.
 
         `Stream` says which states count. One with the stamp of the last does: it is the newer one where a clock stood still.
+
+        Raises:
+            ValueError: position or speed are not finite.
         """
+        if not math.isfinite(sample.position + sample.speed):
+            raise ValueError(f"a pusher state must be finite, got position {sample.position} m and speed {sample.speed} m/s")
         if received is not None:
             self._clocks.add(1, sample.stamp, received)
         found = []
