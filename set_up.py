@@ -645,7 +645,7 @@ def run_tests(arguments: list[str], underlay: str | None) -> NoReturn:
     """
     parallel = ["-n", str(len(os.sched_getaffinity(0)) + WAITING), "--dist", "loadfile", "--no-loadscope-reorder"]
     os.chdir(ROOT)
-    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # as `keeping_bytecode` does
     release()
     execute(["python3", "-m", "pytest", *parallel, *arguments], underlay)
 

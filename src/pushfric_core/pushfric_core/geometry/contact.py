@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.outline import Outline, Touch
-from pushfric_core.geometry.planar import Array, Pose, as_array, check_unit, left_of, rotation
+from pushfric_core.geometry.planar import UNIT, Array, Pose, as_array, check_unit, left_of, rotation
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,8 @@ class PushingLine:
     def __post_init__(self) -> None:
         if not all(map(math.isfinite, self.origin)):
             raise ValueError(f"the origin of the pushing line must be finite, got {self.origin}")
-        check_unit("the direction of the pushing line", self.direction)
+        if not abs(math.hypot(*self.direction) - 1) <= UNIT:  # in plain numbers, as each pusher state has a line
+            check_unit("the direction of the pushing line", self.direction)
         if not 0 <= self.tip_radius < math.inf:
             raise ValueError(f"a tip radius must be at least 0 and finite, got {self.tip_radius:g}")
 
