@@ -85,11 +85,23 @@ def test_wrong_input_gives_one_line_and_exit_code_2(tmp_path, monkeypatch, call,
     assert run.stdout == ""
 
 
+@pytest.fixture
+def cell(tmp_path):
+    """The folder of the example's files."""
+    shutil.copytree(ROOT / "docs/example_cell", tmp_path / "my_cell")
+    save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), tmp_path / "my_cell/camera.yaml")
+    return tmp_path / "my_cell"
+
+
+def test_a_run_is_not_recorded_where_another_one_is(cell, call):
+    """Its report would be written over the other one's."""
+    run = call("run", cell / "cell.yaml", "--simulated", "--bag", cell, "--headless")
+    assert (run.returncode, run.stdout) == (2, "")
+    assert run.stderr == f"error: {cell}: already holds files, expected a new or empty folder for the bag\n"
+
+
 @pytest.mark.parametrize("missing", ["object.yaml", "plan.yaml", "camera.yaml"])
-def test_a_missing_file_of_a_cell_is_named_before_anything_starts(tmp_path, missing):
-    cell = tmp_path / "my_cell"
-    shutil.copytree(ROOT / "docs/example_cell", cell)
-    save_camera(Camera.looking_down(640, 480, (0.0, 0.06), 0.000625), cell / "camera.yaml")
+def test_a_missing_file_of_a_cell_is_named_before_anything_starts(cell, tmp_path, missing):
     (cell / missing).unlink()
     run = pushfric("run", cell / "cell.yaml", "--simulated", "--bag", tmp_path / "bag", "--headless")
     assert run.returncode == 2

@@ -336,6 +336,10 @@ def test_aborted_pushes_are_counted_against_the_plan():
     """All pushes of a plan count, also those that were given up before the pusher moved."""
     live = FrictionEstimate(data_points=72, pushes=14)
     assert disagreements(result_of(DEMO), live, 14, 0) == []
+    (said,) = disagreements(result_of(DEMO), FrictionEstimate(data_points=60, pushes=12), 14, 0, begun_again=True)
+    assert said.startswith(
+        "the live estimate was begun again, what is written here was not: it has 60 observations of 12 pushes"
+    )
     assert disagreements(result_of(DEMO), live, 14, 13) == ["13 of 14 pushes were aborted"]
     assert disagreements(result_of(DEMO), live, 1, 1) == ["1 of 1 push was aborted"]
     with contextlib.closing(Monitor(Console(quiet=True), "/planned", "pushing", None, live=False)) as monitor:

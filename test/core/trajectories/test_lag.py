@@ -66,6 +66,8 @@ def test_a_large_lag_is_doubted_until_it_is_corrected():
     corrected = watched(0.08, 1e-4, np.random.default_rng(2), TrajectoryConfig(pose_lag=round(late.lag.mean, 3)))
     assert DoubtCode.CLOCKS_DIFFER not in codes(corrected)
     assert abs(corrected.lag.mean) < 1e-3
+    worse = watched(0.08, 1e-4, np.random.default_rng(2), TrajectoryConfig(pose_lag=-0.1))
+    assert f"pose_lag: {late.lag.mean:.3f} corrects it" in " ".join(worse.ledger().lines)
 
 
 @pytest.mark.parametrize("how", [{"stops": False}, {"turn": 1e-3}, {"count": 4}])

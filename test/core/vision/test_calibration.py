@@ -217,12 +217,21 @@ def test_the_cameras_file_gets_the_table_and_stays_as_it_is(tmp_path):
         printed("calibrate", "table", points, "--camera", file)
         assert file.read_text().startswith(f"{text}table_homography: ")
     assert np.array_equal(load_camera(file).H, calibrate_table(LENS, [read_table_points(points)]).camera.H)
+    with pytest.raises(InvalidInput, match=r"camera\.yaml exists: give --force, or another --out FILE"):
+        printed("calibrate", "lens", tmp_path, "--out", file)
+
+
+def test_a_file_of_a_single_picture_is_a_picture(tmp_path):
+    cv2.imwrite(str(tmp_path / "one.png"), np.zeros((48, 64), np.uint8))
+    with DeviceFrames(str(tmp_path / "one.png")) as frames:
+        assert (frames.pictures, len(list(frames))) == (True, 1)
 
 
 @pytest.mark.parametrize(
     ("pixels", "text"),
     [
         (WIDE[:3], "too few different points: expected at least 4, got 3"),
+        ([(2 * u, 2 * v) for u, v in WIDE], "a pixel lies outside the image for which the lens is calibrated: 640 x 480 px"),
         (
             [(100, 80), (200, 180), (300, 280), (400, 380)],
             "the points lie on a line or in one place: expected points spread over the table",

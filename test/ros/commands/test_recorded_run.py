@@ -128,14 +128,14 @@ def test_what_a_run_without_prompts_awaits_is_printed_once_it_takes_long(monkeyp
         contextlib.closing(watch.Monitor(console, "/waits", "pushing", None, live=False)) as monitor,
         console.capture() as said,
     ):
-        for message in ("waiting for: tracker", "push 1 of 3: place the object"):
+        for message in ("waiting for: tracker", "push 1 of 3: place the object\x1b[2J"):
             monitor._on_progress(PlanProgress(phase=PlanProgress.PHASE_PLACING, count=3, message=message))
             wall[0] += 0.9 * watch.PATIENCE
             monitor._tell()  # not yet
         for _ in range(2):
             wall[0] += 0.2 * watch.PATIENCE
             monitor._tell()  # once
-    assert said.get() == "push 1 of 3: place the object\n"
+    assert said.get() == "push 1 of 3: place the object?[2J\n"  # nothing from a topic steers the terminal
 
 
 def test_each_number_of_pushes_has_one_line_though_a_push_is_left_out_for_a_while():

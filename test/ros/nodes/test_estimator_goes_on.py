@@ -290,12 +290,22 @@ def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
         resumption.hold("pusher_state", STATES[11], None)  # 9 and 10 were published before it was subscribed
         resumption.hold("pusher_state", STATES[12], None)
         assert resumption.held is None
-        write(*STATES[9:13], at=4)
+        write(*STATES[9:12], at=4)
         assert resumption.read_on() == []  # not flushed
         assert resumption.held is None
         writer.flush()
-        assert len(resumption.read_on()) == 4
-        assert [held.msg.position for held in resumption.held] == [msg.position for msg in STATES[11:13]]
+        assert len(resumption.read_on()) == 3
+        assert [held.msg.position for held in resumption.held] == [STATES[12].position]  # the other one is in the bag
+
+
+def test_no_push_is_chosen_before_it_has_caught_up(ros):
+    """What the earlier estimator was told would replace the choice."""
+    node = made(EstimatorNode, object=NAME)
+    node._resumption = object()
+    for choose in (node._on_exclude_push, node._on_keep_push):
+        answer = choose(SelectPush.Request(push_id=0), SelectPush.Response())
+        assert (answer.success, "the estimator still goes on from" in answer.message) == (False, True)
+    node.destroy_node()
 
 
 def as_it_came(messages, afresh=False):

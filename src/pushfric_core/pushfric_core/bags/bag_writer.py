@@ -29,6 +29,12 @@ CHUNK_SIZE = 2**13
 but a damaged sector of a disk loses twice as many messages (3.7 % instead of 2.0 % of the demo's)."""
 
 
+def check_free(folder: pathlib.Path) -> None:
+    """Refuse to record where something is. Raises InvalidInput unless this is a new or empty folder."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InvalidInput(f"{folder}: already holds files, expected a new or empty folder for the bag")
+
+
 class BagWriter:
     """A new bag in a folder of its own; a context manager that finishes the bag on exit.
 
@@ -46,8 +52,7 @@ class BagWriter:
         self.folder = pathlib.Path(path).resolve()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            if any(self.folder.iterdir()):
-                raise InvalidInput(f"{self.folder}: already holds files, expected a new or empty folder")
+            check_free(self.folder)
             # exclusively: if two writers both saw an empty folder, one of them must fail
             self._file = mcap_file(self.folder).open("xb")
         except OSError as error:

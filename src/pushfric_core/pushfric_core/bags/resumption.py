@@ -2,9 +2,8 @@
 
 A message that was published before the new estimator's subscriptions were matched is in the bag, at the latest after the
 recorder's next flush; a later one comes by topic. So the bag is read until it holds, for each input, the first message that
-also came by topic. The stamps of an input grow, and a message that is not newer than the last one is ignored, as always: each
-message counts once. Nothing is taken before the bag also holds the first message of the new estimator: all those of the old one
-came before it.
+also came by topic. What the bag holds is then left out of what came by topic: each message counts once. Nothing is taken before
+the bag also holds the first message of the new estimator: all those of the old one came before it.
 """
 
 import pathlib
@@ -45,6 +44,7 @@ class Resumption:
         self._bag, self._file, self._inputs = bag, GrowingFile(mcap_file(bag), namespace, TOPICS), inputs
         self._recorded: dict[str, int] = {}  # newest stamp of each input in the bag [ns]
         self._came: dict[str, int] = {}  # stamp of the first message of each that came by topic [ns]
+        self._twice: set[tuple[str, int]] = set()  # stamps in the bag of messages that may also have come by topic
         self._held: list[Input] = []
         self.published: set[tuple[int, int]] = set()
         self.start: Any = None
@@ -73,9 +73,9 @@ class Resumption:
 
     @property
     def held(self) -> list[Input] | None:
-        """The messages that came by topic, in order, once the bag holds all earlier ones; None until then."""
+        """The messages that came by topic alone, in order, once the bag holds all earlier ones; None until then."""
         if all(name in self._came and self._recorded.get(name, -1) >= self._came[name] for name in self._inputs):
-            return self._held
+            return [one for one in self._held if (one.topic, stamp_from_msg(one.msg.header.stamp)) not in self._twice]
         return None
 
     def _read(self) -> list[Input]:
@@ -92,7 +92,9 @@ class Resumption:
                 elif name == "observation":
                     self.published.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
                 elif name == PLAN or name in self._inputs:
-                    self._recorded[name] = stamp_from_msg(msg.header.stamp)
+                    self._recorded[name] = stamp = stamp_from_msg(msg.header.stamp)
+                    if name in self._came:
+                        self._twice.add((name, stamp))
                     found.append(one)
         return found
 

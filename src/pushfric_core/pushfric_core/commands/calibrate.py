@@ -50,6 +50,7 @@ CAMERA = ACCEPTED[0].upper() + ACCEPTED[1:]
 
 PRINT_IT = "print it at 100 %, and compare its ruler with a real one"
 
+PdfFile = Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.")]
 Source = Annotated[str, typer.Argument(help=f"{CAMERA}.")]
 Columns = Annotated[int, typer.Option(help="Squares of the board along its long side.")]
 Rows = Annotated[int, typer.Option(help="Squares of the board along its short side.")]
@@ -59,7 +60,7 @@ CameraFile = Annotated[pathlib.Path, typer.Option(help="Calibration YAML of cali
 
 @app.command()
 def board(
-    out: Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.")],
+    out: PdfFile,
     columns: Columns = Board.columns,
     rows: Rows = Board.rows,
     square: Square = Board.square,
@@ -75,7 +76,7 @@ def board(
 def markers(
     file: Annotated[pathlib.Path, typer.Argument(help="YAML of the markers, as for camera.fiducials.")],
     object_name: Annotated[str, typer.Argument(metavar="OBJECT", help="Object YAML.")],
-    out: Annotated[pathlib.Path, typer.Argument(help="File to write: a PDF.")],
+    out: PdfFile,
 ) -> None:
     """Write an object's markers as a PDF to scale, each in its place: cut along the outline, paste it onto the object."""
     from pushfric_core.vision.printed_pdf import save_markers
@@ -92,8 +93,10 @@ def lens(
     rows: Rows = Board.rows,
     square: Square = Board.square,
     namespace: NamespaceOption = NAMESPACE,
+    force: ForceFlag = False,
 ) -> None:
     """Calibrate the lens from views of the board: near and far, tilted, in all parts of the image."""
+    permit(out, force, "Overwrite it, with the calibration of the table in it?", "another --out FILE")
     with telling_what_is_left(lambda: f"nothing was written to {out}"):
         found = lens_from_frames(frames_from(source, namespace), _board(columns, rows, square), say)
     save_camera(found.lens, out)

@@ -143,6 +143,8 @@ def export(
     with known(model, object_name, namespace, partial) as (file, pushed):
         make_folder(out)
         friction = file.friction()
+        if friction.limit is not None:
+            warn(friction.limit)
         if samples is not None and len(friction.w) == 1:
             raise InvalidInput(f"{model}: has a single sample, not some to draw {samples} models from; leave out --samples")
         names = [pushed.name] if samples is None else [f"{pushed.name}_{k:0{len(str(samples - 1))}}" for k in range(samples)]

@@ -43,21 +43,21 @@ ARROW = 0.15
 def draw_support_friction(axes: Any, estimate: "Estimate", belief: FrictionModel | None, outline: Outline | None) -> None:
     """w as dots of proportional area, with an x where it is zero, and p_CF with its 90 % ellipse.
 
-    They are those of the belief, or of the program where nothing is believed.
+    They are those of the belief, or of the program where nothing is believed, or nobody knows how far it is off.
     """
     if outline is not None:
         axes.plot(*(closed(outline.vertices).T * MILLIMETRE), color=INK, lw=1)
     points = estimate.support_points * MILLIMETRE
-    w, center = (
-        (estimate.w, estimate.center_of_friction) if belief is None else (belief.support.weights, belief.center_of_friction)
-    )
+    w, center, covariance = estimate.w, estimate.center_of_friction, None
+    if belief is not None and belief.covariance is not None:
+        w, center, covariance = belief.support.weights, belief.center_of_friction, belief.covariance
     zero = w < 1e-3
     axes.scatter(*points[~zero].T, s=AREA * w[~zero], color=ESTIMATE, alpha=0.8, lw=0, label="estimated $w$")
     axes.plot(*points[zero].T, "x", color=GREY, ms=5, label="$w < 0.001$" if zero.any() else "")
     x, y = center * MILLIMETRE
     axes.plot(x, y, "+", color=ESTIMATE, ms=12, mew=2, label="estimated $p_{CF}$")
-    if belief is not None and belief.covariance is not None:
-        sizes, directions = np.linalg.eigh(belief.covariance)
+    if covariance is not None:
+        sizes, directions = np.linalg.eigh(covariance)
         width, height = 2 * MILLIMETRE * np.sqrt(ELLIPSE * np.maximum(sizes, 0))
         turn = np.degrees(np.arctan2(*directions[::-1, 0]))
         axes.add_patch(Ellipse((x, y), width, height, angle=turn, fill=False, ec=ESTIMATE, lw=1, label="90 % ellipse"))

@@ -230,6 +230,7 @@ class ExportedBody:
             f" {100 * feet.error.load:.2g} % (rms), its motion by {np.degrees(feet.error.twist):.2g} degrees (median).",
             f"Mass {load.mass:.4g} kg, table friction {load.table_friction:.4g}; assumed:"
             f" {' and '.join(load.assumed) or 'neither'}. Slow motions depend on neither.",
+            *([] if self.friction.limit is None else [f"{self.friction.limit}."]),
             *notes,
         ]
 

@@ -159,20 +159,20 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
     """p_CF against the number of observations: its error in percent of the sides; if the truth is unknown, its coordinates."""
     counts = [estimate.data_points for estimate in estimates]
     centers: Array = np.array([estimate.center_of_friction for estimate in estimates])
-    half: Array = np.full((len(estimates), 2), np.nan)
+    regions: Array = np.full((len(estimates), 2, 2), np.nan)
     for end in with_belief(estimates):
-        half[end] = _half_extents(estimates[end])
+        regions[end] = _region(estimates[end])
     known = truth is not None
     unit = 100 / outline.size if known else np.full(2, MILLIMETRE)
     for k, (label, style) in enumerate((("x", "-"), ("y", "--"))):
         course = np.abs(centers[:, k] - truth.support.center_of_friction[k]) if truth is not None else centers[:, k]
         axes.plot(counts, unit[k] * course, style, marker="." if len(counts) == 1 else "", color=ESTIMATE, label=label)
-        told = np.isfinite(half[:, k])
+        told = np.isfinite(regions[:, 1, k])
+        middle, half = (unit[k] * regions[told, row, k] for row in (0, 1))
         if known:
-            axes.plot(np.array(counts)[told], unit[k] * half[told, k], style, color=GREY, lw=1, label=f"{label}, belief, 90 %")
+            axes.plot(np.array(counts)[told], half, style, color=GREY, lw=1, label=f"{label}, belief, 90 %")
         else:
-            low, high = (unit[k] * (centers[told, k] + sign * half[told, k]) for sign in (-1, 1))
-            axes.fill_between(np.array(counts)[told], low, high, color=ESTIMATE, alpha=0.15, lw=0)
+            axes.fill_between(np.array(counts)[told], middle - half, middle + half, color=ESTIMATE, alpha=0.15, lw=0)
     if known:
         # linear below a hundredth of a percent: an error may be zero
         axes.set_yscale("symlog", linthresh=0.01)
@@ -184,13 +184,14 @@ def _draw_center_of_friction(axes: Any, outline: Outline, estimates: Sequence[Es
             ylim=(0, None),
         )
     else:
-        axes.set(title="Centre of friction, with 90 % intervals", xlabel="observations", ylabel="mm")
+        axes.set(title="$p_{CF}$ by the program, and the belief's 90 % intervals", xlabel="observations", ylabel="mm")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     legend(axes)
 
 
-def _half_extents(estimate: Estimate) -> Array:
-    """Half the sizes of the 90 % ellipse of p_CF along x and y (2,) [m]; NaN if they are unknown."""
-    if estimate.belief is None or estimate.belief.covariance is None:
-        return np.full(2, np.nan)
-    return np.asarray(np.sqrt(ELLIPSE * np.diag(estimate.belief.covariance)))
+def _region(estimate: Estimate) -> Array:
+    """The middle of the 90 % ellipse of p_CF, and half its sizes along x and y (2, 2) [m]; NaN if they are unknown."""
+    belief = estimate.belief
+    if belief is None or belief.covariance is None:
+        return np.full((2, 2), np.nan)
+    return np.array((belief.center_of_friction, np.sqrt(ELLIPSE * np.diag(belief.covariance))))

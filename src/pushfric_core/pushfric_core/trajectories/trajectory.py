@@ -128,7 +128,7 @@ class Trajectory:
         elif (lag := self.lag) is not None and lag.is_large:
             late = "late" if lag.mean > 0 else "early"
             text = f"the motion shows that poses are stamped {abs(lag.mean):.3f} s too {late} against the pusher states"
-            text = f"{text} (90 %: within {lag.radius:.3f} s); pose_lag: {lag.mean:.3f} corrects it"
+            text = f"{text} (90 %: within {lag.radius:.3f} s); pose_lag: {self.config.pose_lag + lag.mean:.3f} corrects it"
             ledger.doubt(DoubtCode.CLOCKS_DIFFER, text, self._poses.first or 0)
         clocks_are_wrong = {DoubtCode.CLOCKS_STEP, DoubtCode.CLOCKS_DIFFER} & {one.code for one in ledger.doubts}
         for doubt in self._course.doubts(self._poses, self._states, self.config, planned, numbered, ended):

@@ -150,6 +150,9 @@ def calibrate_table(lens: Lens, placements: Sequence[View]) -> TableCalibration:
         raise InvalidInput(f"too few different points: expected at least 4, got {len(np.unique(first.points, axis=0))}")
     if any(_thickness(one) < MIN_THICKNESS for one in (first.pixels, first.points)):
         raise InvalidInput(ON_A_LINE)
+    last = lens.width - 0.5, lens.height - 0.5
+    if any(((one.pixels < -0.5) | (one.pixels > last)).any() for one in placements):
+        raise InvalidInput(f"a pixel lies outside the image for which the lens is calibrated: {lens.width} x {lens.height} px")
     solid, pixels = _solid(first.points), np.ascontiguousarray(first.pixels, dtype=float)
     found, turns, shifts, _ = cv2.solvePnPGeneric(solid, pixels, lens.K, lens.D, flags=cv2.SOLVEPNP_IPPE)
     if not found or not np.isfinite((turns, shifts)).all():

@@ -34,7 +34,7 @@ class Device(threading.Thread):
     """Reads frames into a short queue. If the queue is full, a camera's oldest frame is dropped; a file or folder waits.
 
     Args:
-        source: device index, URL, video file, or folder or glob of pictures.
+        source: device index, URL, video file, picture, or folder or glob of pictures.
         size: width and height to ask of a camera [px]; None: its default.
         now: gives the time [ns] with which a frame is stamped.
         arrived: called after each frame.
@@ -53,8 +53,9 @@ class Device(threading.Thread):
 
     @property
     def pictures(self) -> bool:
-        """Whether each frame is a picture of its own, from a folder or a glob."""
-        return pathlib.Path(self._source).is_dir() or glob.has_magic(self._source)
+        """Whether each frame is a picture of its own: one file, or from a folder or a glob."""
+        path = pathlib.Path(self._source)
+        return path.is_dir() or glob.has_magic(self._source) or (path.is_file() and cv2.haveImageReader(self._source))
 
     @property
     def live(self) -> bool:

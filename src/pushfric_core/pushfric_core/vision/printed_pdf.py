@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from pushfric_core.files.disk import make_folder, writing
+from pushfric_core.files.figure_file import save_figure
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.vision.board import MARKER, Board, charuco
 from pushfric_core.vision.fiducial_tracker import BORDER_MODULES, Fiducials
@@ -24,7 +24,7 @@ def save_board(board: Board, path: pathlib.Path) -> None:
     """Write the board to scale as a PDF, on A4 or larger paper, with a ruler to check the print.
 
     Raises:
-        InvalidInput: the file cannot be written.
+        InvalidInput: the file cannot be written, or has not the name of an image.
     """
     text = f"Each square is {1e3 * board.square:g} mm wide. {board.columns} x {board.rows} squares."
     _save(_black(board), shapely.box(0.0, 0.0, *board.size), text, path)
@@ -34,7 +34,7 @@ def save_markers(fiducials: Fiducials, outline: Outline, path: pathlib.Path) -> 
     """Write the markers where they belong on an object, to scale, with the object's outline to cut or paste along.
 
     Raises:
-        InvalidInput: the file cannot be written.
+        InvalidInput: the file cannot be written, or has not the name of an image.
     """
     codes = [
         shapely.affinity.translate(
@@ -62,9 +62,7 @@ def _save(black: shapely.Geometry, frame: shapely.Geometry, text: str, path: pat
         axes.plot((_MARGIN_MM + mm,) * 2, (bottom - 10, bottom - (6 if mm % 10 == 0 else 8)), color="black", linewidth=0.3)
     ruler = f"This ruler is {_RULER_MM} mm long. If not, print again at 100 %. {text}"
     axes.text(_MARGIN_MM + _RULER_MM + 5, bottom - 10, ruler, fontsize=7)
-    make_folder(path.parent)
-    with writing(path):
-        figure.savefig(path, format="pdf")
+    save_figure(figure, path)
 
 
 def _black(board: Board) -> shapely.Geometry:

@@ -10,6 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from pushfric_core.bags.bag_writer import check_free
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, SimulationConfig, ViewConfig
 from pushfric_core.commands.application import AUTO_VIEW, Application
@@ -71,8 +72,7 @@ def demo(
     if object_name not in TABLE_1:
         raise InvalidInput(f"no object {object_name!r} in the simulated cell; expected one of {', '.join(TABLE_1)}")
     bag = bag or RUNS / time.strftime("demo-%Y%m%d-%H%M%S")
-    if bag.exists() and (not bag.is_dir() or any(bag.iterdir())):
-        raise InvalidInput(f"{bag}: exists; expected a new or empty folder for the bag")
+    check_free(bag)
     if plan is not None and choose:
         raise InvalidInput("give --plan or --choose, not both")
     pushes = PlanConfig(plan=str(plan) if plan is not None else "", choose=choose)

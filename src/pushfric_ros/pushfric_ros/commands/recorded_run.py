@@ -58,7 +58,9 @@ def left_behind(bag: pathlib.Path) -> str:
     return f"report: {bag / REPORT_FILE}\nbag left in {bag} (pushes: {pushes}); ./pushfric estimate {bag}{how} reads it"
 
 
-def disagreements(result: Result, live: FrictionEstimate | None, planned: int, aborted: int) -> list[str]:
+def disagreements(
+    result: Result, live: FrictionEstimate | None, planned: int, aborted: int, begun_again: bool = False
+) -> list[str]:
     """Contradictions between the bag, the live estimate and the plan of a finished run, in words; empty if all agree.
 
     Args:
@@ -66,6 +68,7 @@ def disagreements(result: Result, live: FrictionEstimate | None, planned: int, a
         live: the last estimate that the run published; None if there was none.
         planned: number of pushes that the run was to carry out.
         aborted: number of those that did not reach their end.
+        begun_again: the estimate was, at the service `reset`, for example.
     """
     said = [f"{aborted} of {counted(planned, 'push was', 'pushes were')} aborted"] if aborted else []
     said += result.doubts
@@ -75,9 +78,10 @@ def disagreements(result: Result, live: FrictionEstimate | None, planned: int, a
     last, bag = result.estimation.result, result.estimation.recorded.path
     counts, live_counts = (last.data_points, last.pushes), (0, 0) if live is None else (live.data_points, live.pushes)
     if counts != live_counts:
+        why = "missed messages that are in the bag, or the other way round"
         said.append(
-            "the live estimate missed messages that are in the bag, or the other way round: it has {} observations of {} "
-            "pushes, the bag {} of {}; read the bag with ./pushfric estimate {}".format(*live_counts, *counts, bag)
+            "the live estimate {}: it has {} observations of {} pushes, the bag {} of {}; read the bag with ./pushfric estimate"
+            " {}".format("was begun again, what is written here was not" if begun_again else why, *live_counts, *counts, bag)
         )
     return said
 
@@ -94,12 +98,16 @@ def failures(bag: pathlib.Path, namespace: str, result: Result) -> list[str]:
 
     live: FrictionEstimate | None = None
     course: list[PlanProgress] = []
+    starts = 0
     try:
         recorded = Bag(bag)
-        for message in recorded.messages([f"{namespace}/plan_progress", f"{namespace}/friction_estimate"]):
+        topics = [f"{namespace}/{name}" for name in ("plan_progress", "friction_estimate", "estimation_start")]
+        for message in recorded.messages(topics):
             msg = recorded.deserialize(message)
             if message.topic.endswith("plan_progress"):
                 course.append(msg)
+            elif message.topic.endswith("estimation_start"):
+                starts += msg.continuation == 0
             else:
                 live = msg if msg.status != FrictionEstimate.STATUS_NO_DATA else None
     except (PushfricError, ValueError) as error:
@@ -107,7 +115,7 @@ def failures(bag: pathlib.Path, namespace: str, result: Result) -> list[str]:
     number = number_of(course[-1].push_id, course[-1].count) if course else ""
     if not course or course[-1].phase != PlanProgress.PHASE_FINISHED:
         return [f"the plan is not finished: it stood at push {number}" if course else "no plan was begun"]
-    return disagreements(result, live, pushes_of(course[0]), course[-1].aborted)
+    return disagreements(result, live, pushes_of(course[0]), course[-1].aborted, starts > 1)
 
 
 def pushes_of(first: PlanProgress) -> int:

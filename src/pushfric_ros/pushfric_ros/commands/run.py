@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from pushfric_core.bags.bag_writer import check_free
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
@@ -65,6 +66,7 @@ def run(
     if file.camera is not None:
         load_camera(file.camera.calibration)
     bag = bag or RUNS / time.strftime(f"{model.name}-%Y%m%d-%H%M%S")
+    check_free(bag)
     if not simulated and file.driver is not None and (absence := file.driver.absence()) is not None:
         raise InvalidInput(f"{cell}: pusher: {absence}")
     shown = view_at(view, file.view)

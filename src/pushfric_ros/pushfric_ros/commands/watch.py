@@ -264,13 +264,14 @@ class Monitor:
             self._progress.update(self._task, completed=push)
 
     def _on_progress(self, msg: PlanProgress) -> None:
-        if msg.message != self._message and not self._live:
+        message = "".join(letter if letter.isprintable() else "?" for letter in msg.message)  # any program may publish it
+        if message != self._message and not self._live:
             answers = " or ".join(filter(None, (self._hint(msg.phase), msg.details)))
-            text = f"{msg.message}  ({answers})" if msg.phase == PlanProgress.PHASE_CHOOSING else msg.message
+            text = f"{message}  ({answers})" if msg.phase == PlanProgress.PHASE_CHOOSING else message
             at_once = self._prompts and msg.phase in PROMPTING
             self._unsaid = time.monotonic() + PATIENCE * (not at_once), text
             self._tell()
-        self._message, self._phase = msg.message, msg.phase
+        self._message, self._phase = message, msg.phase
         finished = msg.phase == PlanProgress.PHASE_FINISHED
         self.aborted = msg.aborted
         self.planned = self.planned or pushes_of(msg)

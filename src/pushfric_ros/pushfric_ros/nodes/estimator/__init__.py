@@ -239,6 +239,7 @@ class EstimatorNode(Node):
 
     def _on_exclude_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
         try:
+            self._check_that_it_has_caught_up()
             left = self._now.exclude(request.push_id)
         except ValueError as error:
             response.message = str(error)
@@ -248,11 +249,21 @@ class EstimatorNode(Node):
         return response
 
     def _on_keep_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
+        try:
+            self._check_that_it_has_caught_up()
+        except ValueError as error:
+            response.message = str(error)
+            return response
         kept = self._now.keep(request.push_id)
         self._settings = dataclasses.replace(self._settings, kept=self._now.settings.kept)
         response.success, response.message = True, f"kept: {data_of(kept.data_points, kept.pushes)} are in"
         self._show_again()
         return response
+
+    def _check_that_it_has_caught_up(self) -> None:
+        """Refuse a choice that those made before the estimator died would replace. Raises ValueError."""
+        if self._resumption is not None:
+            raise ValueError(f"the estimator still goes on from {self._bag}: ask again")
 
     def _show_again(self) -> None:
         """Publish what has changed because other pushes are left out, or all begins again."""

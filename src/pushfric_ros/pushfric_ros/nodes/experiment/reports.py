@@ -79,7 +79,7 @@ class ReportedPusher:
         if self._silent:
             return "it does not report"
         if self.was_stopped:
-            return "it was stopped: press Reset when it is free to move"
+            return "it was stopped: press Reset, or call ./pushfric reset, when it is free to move"
         if self.state.mode != PusherState.MODE_IDLE:
             return HINDRANCES[self.state.mode]
         return None if self._serves() else "its action server is not available"
