@@ -43,15 +43,15 @@ def result_of(bag: pathlib.Path) -> Result:
         return Result(None, [f"the bag {bag} gives no estimate: {error}"])
 
 
-def left_behind(bag: pathlib.Path) -> str:
-    """The remains of an interrupted run, in words."""
+def left_behind(bag: pathlib.Path, had_an_end: bool = True) -> str:
+    """The remains of an interrupted run, in words; one that would have had no end has ended well."""
     if not bag.exists() or not any(bag.iterdir()):
         return "interrupted before there was a bag"
     result = result_of(bag)
     if result.estimation is None:
         return result.doubts[0]
     try:
-        write_result(bag, result, ["the run was interrupted"])
+        write_result(bag, result, ["the run was interrupted"] if had_an_end else [])
     except PushfricError as error:
         return f"bag left in {bag}; no report: {error}"
     pushes, how = len({point.push_id for point in result.estimation.data}), " --partial" * bool(result.doubts)

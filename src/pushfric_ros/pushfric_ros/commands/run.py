@@ -78,7 +78,10 @@ def run(
         console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
 
     live = console.is_terminal and not headless
-    with telling_what_is_left(lambda: left_behind(bag)), tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch:
+    with (
+        telling_what_is_left(lambda: left_behind(bag, file.pusher is not None)),
+        tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch,
+    ):
         if simulated or simulated_camera:
             file = graph.rendered(file, scratch, lambda sentence: console.print(sentence, markup=False), simulated_camera)
         if simulated:
