@@ -144,6 +144,8 @@ def test_a_bag_that_is_left_is_named_with_its_pushes(tmp_path):
     assert left_behind(tmp_path / "bag") == f"report: {tmp_path}/bag/report.html\n{expected}"
     for name in ("report.html", "model.yaml"):
         assert "the run was interrupted" in (tmp_path / "bag" / name).read_text()
+    left_behind(tmp_path / "bag", had_an_end=False)
+    assert "interrupted" not in (tmp_path / "bag/model.yaml").read_text()
 
 
 def test_a_bag_that_gives_no_estimate_says_why(tmp_path):

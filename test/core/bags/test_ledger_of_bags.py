@@ -334,9 +334,10 @@ def test_without_the_object_the_streams_are_still_checked(recording, tmp_path):
 
 def test_aborted_pushes_are_counted_against_the_plan():
     """All pushes of a plan count, also those that were given up before the pusher moved."""
-    live = FrictionEstimate(data_points=72, pushes=14)
+    live = FrictionEstimate(object="rubber_rect4", data_points=72, pushes=14)
     assert disagreements(result_of(DEMO), live, 14, 0) == []
-    (said,) = disagreements(result_of(DEMO), FrictionEstimate(data_points=60, pushes=12), 14, 0, begun_again=True)
+    other, said = disagreements(result_of(DEMO), FrictionEstimate(object="wood", data_points=60, pushes=12), 14, 0, begun_again=True)
+    assert other == "the live estimate is of wood, what is written here of rubber_rect4"
     assert said.startswith(
         "the live estimate was begun again, what is written here was not: it has 60 observations of 12 pushes"
     )

@@ -130,7 +130,7 @@ def _many(
 
         lines = estimate_many(inputs, choices, out, jobs, dask, finished)
     for line in lines:
-        if said := [line["error"]] if "error" in line else [one["text"] for one in objections(line)]:
+        if said := [line["error"].removeprefix(f"{line['input']}: ")] if "error" in line else [one["text"] for one in objections(line)]:
             warn(f"{line['input']}: {'; '.join(said)}")
     table, number = write_table(lines, out), counts(lines)
     answer(number | {"files": [str(table)]}, json)

@@ -77,6 +77,8 @@ def disagreements(
     said += [one.text for one in result.estimation.ledger.doubts]
     last, bag = result.estimation.result, result.estimation.recorded.path
     counts, live_counts = (last.data_points, last.pushes), (0, 0) if live is None else (live.data_points, live.pushes)
+    if live is not None and live.object != result.estimation.model.name:
+        said.append(f"the live estimate is of {live.object}, what is written here of {result.estimation.model.name}")
     if counts != live_counts:
         why = "missed messages that are in the bag, or the other way round"
         said.append(
