@@ -1,6 +1,7 @@
 """All input from outside is accepted, or refused in one line; each case here once ended a process or took all its memory."""
 
 import math
+import os
 import pathlib
 import struct
 import subprocess
@@ -90,6 +91,9 @@ def test_files_that_cannot_be_are_refused(tmp_path):
         yaml_content(tmp_path / "a\0b")
     with pytest.raises(InvalidInput, match="expected at most"):
         yaml_content(pathlib.Path("/dev/zero"))
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(InvalidInput, match="cannot be read: it is a pipe"):
+        yaml_content(tmp_path / "pipe.yaml")
 
 
 # --- messages ---

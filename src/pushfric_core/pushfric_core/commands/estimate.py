@@ -130,8 +130,9 @@ def _many(
 
         lines = estimate_many(inputs, choices, out, jobs, dask, finished)
     for line in lines:
-        if said := [line["error"].removeprefix(f"{line['input']}: ")] if "error" in line else [one["text"] for one in objections(line)]:
-            warn(f"{line['input']}: {'; '.join(said)}")
+        where = f"{line['input']}: "
+        if said := [line["error"]] if "error" in line else [one["text"] for one in objections(line)]:
+            warn(where + "; ".join(said).removeprefix(where))
     table, number = write_table(lines, out), counts(lines)
     answer(number | {"files": [str(table)]}, json)
     if json != STDOUT:

@@ -47,8 +47,10 @@ def text_of(path: pathlib.Path, limit: int) -> str:
     """The text of a file, which may be a device that never ends; for use within `reading`.
 
     Raises:
-        ValueError: the file has more than `limit` characters, or is not UTF-8.
+        ValueError: the file has more than `limit` characters, is not UTF-8, or is a pipe, to which perhaps nobody writes.
     """
+    if path.is_fifo():
+        raise ValueError("it is a pipe")
     with path.open(encoding="utf-8") as stream:
         text = stream.read(limit + 1)
     if len(text) > limit:
