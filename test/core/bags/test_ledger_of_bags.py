@@ -336,11 +336,10 @@ def test_aborted_pushes_are_counted_against_the_plan():
     """All pushes of a plan count, also those that were given up before the pusher moved."""
     live = FrictionEstimate(object="rubber_rect4", data_points=72, pushes=14)
     assert disagreements(result_of(DEMO), live, 14, 0) == []
-    again = FrictionEstimate(object="wood", data_points=60, pushes=12)
-    other, said = disagreements(result_of(DEMO), again, 14, 0, begun_again=True)
+    other, said = disagreements(result_of(DEMO), FrictionEstimate(object="wood", data_points=60, pushes=12), 14, 0)
     assert other == "the live estimate is of wood, what is written here of rubber_rect4"
     assert said.startswith(
-        "the live estimate was begun again, what is written here was not: it has 60 observations of 12 pushes"
+        "one of bag and live estimate missed messages, or the estimate was begun again: it has 60 observations"
     )
     assert disagreements(result_of(DEMO), live, 14, 13) == ["13 of 14 pushes were aborted"]
     assert disagreements(result_of(DEMO), live, 1, 1) == ["1 of 1 push was aborted"]

@@ -304,7 +304,7 @@ def test_no_push_is_chosen_before_it_has_caught_up(ros):
     node._resumption = object()
     for choose in (node._on_exclude_push, node._on_keep_push):
         answer = choose(SelectPush.Request(push_id=0), SelectPush.Response())
-        assert (answer.success, "the estimator still goes on from" in answer.message) == (False, True)
+        assert (answer.success, "still goes on from the bag" in answer.message) == (False, True)
     node.destroy_node()
 
 

@@ -58,9 +58,7 @@ def left_behind(bag: pathlib.Path, had_an_end: bool = True) -> str:
     return f"report: {bag / REPORT_FILE}\nbag left in {bag} (pushes: {pushes}); ./pushfric estimate {bag}{how} reads it"
 
 
-def disagreements(
-    result: Result, live: FrictionEstimate | None, planned: int, aborted: int, begun_again: bool = False
-) -> list[str]:
+def disagreements(result: Result, live: FrictionEstimate | None, planned: int, aborted: int) -> list[str]:
     """Contradictions between the bag, the live estimate and the plan of a finished run, in words; empty if all agree.
 
     Args:
@@ -68,7 +66,6 @@ def disagreements(
         live: the last estimate that the run published; None if there was none.
         planned: number of pushes that the run was to carry out.
         aborted: number of those that did not reach their end.
-        begun_again: the estimate was, at the service `reset`, for example.
     """
     said = [f"{aborted} of {counted(planned, 'push was', 'pushes were')} aborted"] if aborted else []
     said += result.doubts
@@ -80,10 +77,9 @@ def disagreements(
     if live is not None and live.object != result.estimation.model.name:
         said.append(f"the live estimate is of {live.object}, what is written here of {result.estimation.model.name}")
     if counts != live_counts:
-        why = "missed messages that are in the bag, or the other way round"
         said.append(
-            "the live estimate {}: it has {} observations of {} pushes, the bag {} of {}; read the bag with ./pushfric estimate"
-            " {}".format("was begun again, what is written here was not" if begun_again else why, *live_counts, *counts, bag)
+            "one of bag and live estimate missed messages, or the estimate was begun again: it has {} observations of {} "
+            "pushes, the bag {} of {}; read the bag with ./pushfric estimate {}".format(*live_counts, *counts, bag)
         )
     return said
 
@@ -100,16 +96,12 @@ def failures(bag: pathlib.Path, namespace: str, result: Result) -> list[str]:
 
     live: FrictionEstimate | None = None
     course: list[PlanProgress] = []
-    starts = 0
     try:
         recorded = Bag(bag)
-        topics = [f"{namespace}/{name}" for name in ("plan_progress", "friction_estimate", "estimation_start")]
-        for message in recorded.messages(topics):
+        for message in recorded.messages([f"{namespace}/plan_progress", f"{namespace}/friction_estimate"]):
             msg = recorded.deserialize(message)
             if message.topic.endswith("plan_progress"):
                 course.append(msg)
-            elif message.topic.endswith("estimation_start"):
-                starts += msg.continuation == 0
             else:
                 live = msg if msg.status != FrictionEstimate.STATUS_NO_DATA else None
     except (PushfricError, ValueError) as error:
@@ -117,7 +109,7 @@ def failures(bag: pathlib.Path, namespace: str, result: Result) -> list[str]:
     number = number_of(course[-1].push_id, course[-1].count) if course else ""
     if not course or course[-1].phase != PlanProgress.PHASE_FINISHED:
         return [f"the plan is not finished: it stood at push {number}" if course else "no plan was begun"]
-    return disagreements(result, live, pushes_of(course[0]), course[-1].aborted, starts > 1)
+    return disagreements(result, live, pushes_of(course[0]), course[-1].aborted)
 
 
 def pushes_of(first: PlanProgress) -> int:

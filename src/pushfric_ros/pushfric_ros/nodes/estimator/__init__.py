@@ -42,6 +42,9 @@ from pushfric_ros.nodes.estimator.rest import RestWatch
 if TYPE_CHECKING:
     from pushfric_core.bags.resumption import Resumption
 
+CATCHES_UP = "the estimator still goes on from the bag: ask again"
+"""What is chosen now would be replaced by what was chosen before it died."""
+
 PROGRESS_PERIOD = 0.05
 """Time between reports of how far the estimator has come, between drawings, between looks for rest, and, while a restarted
 estimator catches up, between reads of the bag, in wall time [s]."""
@@ -238,8 +241,10 @@ class EstimatorNode(Node):
         return response
 
     def _on_exclude_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
+        if self._resumption is not None:
+            response.message = CATCHES_UP
+            return response
         try:
-            self._check_that_it_has_caught_up()
             left = self._now.exclude(request.push_id)
         except ValueError as error:
             response.message = str(error)
@@ -249,21 +254,14 @@ class EstimatorNode(Node):
         return response
 
     def _on_keep_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
-        try:
-            self._check_that_it_has_caught_up()
-        except ValueError as error:
-            response.message = str(error)
+        if self._resumption is not None:
+            response.message = CATCHES_UP
             return response
         kept = self._now.keep(request.push_id)
         self._settings = dataclasses.replace(self._settings, kept=self._now.settings.kept)
         response.success, response.message = True, f"kept: {data_of(kept.data_points, kept.pushes)} are in"
         self._show_again()
         return response
-
-    def _check_that_it_has_caught_up(self) -> None:
-        """Refuse a choice that those made before the estimator died would replace. Raises ValueError."""
-        if self._resumption is not None:
-            raise ValueError(f"the estimator still goes on from {self._bag}: ask again")
 
     def _show_again(self) -> None:
         """Publish what has changed because other pushes are left out, or all begins again."""
