@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from pushfric_core.bags.resumption import Resumption
 
 CATCHES_UP = "the estimator still goes on from the bag: ask again"
-"""What is chosen now would be replaced by what was chosen before it died."""
+"""A choice would be replaced by those made before it died."""
 
 PROGRESS_PERIOD = 0.05
 """Time between reports of how far the estimator has come, between drawings, between looks for rest, and, while a restarted
