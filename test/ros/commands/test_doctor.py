@@ -158,6 +158,12 @@ def test_the_exit_code_says_whether_a_check_failed(monkeypatch, call, level, cod
     assert json.loads(said.stdout)["passed"] is (code == 0)
 
 
+def test_a_path_is_not_broken_where_nobody_sees_the_table(monkeypatch, call):
+    path = f"/{100 * 'a'}/camera.yaml"
+    monkeypatch.setattr(doctor, "examine", lambda *_: [Check("port", OK, "as it is", path)])
+    assert path in call("doctor").stdout
+
+
 @pytest.mark.usefixtures("machine_is_well")
 def test_the_parts_of_a_running_cell_are_left_alone(tmp_path):
     with SimulatedGrbl(time.monotonic) as controller, supervisor.lock("/cell"):

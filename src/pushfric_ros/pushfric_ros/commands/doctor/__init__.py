@@ -139,6 +139,6 @@ def doctor(
         checks = list(examine(cell, RUNS, lambda what: status.update(f"checking the {what}")))
     answer(findings(checks), json)
     if json != STDOUT:
-        Console().print(table(checks))
+        Console(width=None if sys.stdout.isatty() else 1000).print(table(checks))  # whole paths can be copied
     if not passed(checks):
         sys.exit(1)
