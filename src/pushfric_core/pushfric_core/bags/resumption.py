@@ -44,7 +44,7 @@ class Resumption:
         self._bag, self._file, self._inputs = bag, GrowingFile(mcap_file(bag), namespace, TOPICS), inputs
         self._recorded: dict[str, int] = {}  # newest stamp of each input in the bag [ns]
         self._came: dict[str, int] = {}  # stamp of the first message of each that came by topic [ns]
-        self._twice: set[tuple[str, int]] = set()  # stamps in the bag of messages that may also have come by topic
+        self._known: set[tuple[str, int]] = set()  # topics and stamps [ns] of what the bag holds
         self._held: list[Input] = []
         self.published: set[tuple[int, int]] = set()
         self.start: Any = None
@@ -75,7 +75,7 @@ class Resumption:
     def held(self) -> list[Input] | None:
         """The messages that came by topic alone, in order, once the bag holds all earlier ones; None until then."""
         if all(name in self._came and self._recorded.get(name, -1) >= self._came[name] for name in self._inputs):
-            return [one for one in self._held if (one.topic, stamp_from_msg(one.msg.header.stamp)) not in self._twice]
+            return [one for one in self._held if (one.topic, stamp_from_msg(one.msg.header.stamp)) not in self._known]
         return None
 
     def _read(self) -> list[Input]:
@@ -93,8 +93,7 @@ class Resumption:
                     self.published.add((msg.push_id, stamp_from_msg(msg.header.stamp)))
                 elif name == PLAN or name in self._inputs:
                     self._recorded[name] = stamp = stamp_from_msg(msg.header.stamp)
-                    if name in self._came:
-                        self._twice.add((name, stamp))
+                    self._known.add((name, stamp))
                     found.append(one)
         return found
 
