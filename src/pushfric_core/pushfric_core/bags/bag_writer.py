@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v9
 
-from pushfric_core.bags.contents import FIRST_NUMBER, PathLike, mcap_file
+from pushfric_core.bags.contents import FIRST_NUMBER, PathLike, check_free, mcap_file
 from pushfric_core.bags.message_types import definition, type_hash
 from pushfric_core.bags.rosbag2_metadata import METADATA, VERSION
 from pushfric_core.errors import InvalidInput
@@ -27,12 +27,6 @@ INFINITE_NS = 2**63 - 1
 CHUNK_SIZE = 2**13
 """Size of the pieces that share a checksum and are lost together [bytes]. With the usual 1 MiB, a bag of poses is 15 % smaller,
 but a damaged sector of a disk loses twice as many messages (3.7 % instead of 2.0 % of the demo's)."""
-
-
-def check_free(folder: pathlib.Path) -> None:
-    """Refuse to record where something is. Raises InvalidInput unless this is a new or empty folder."""
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InvalidInput(f"{folder}: already holds files, expected a new or empty folder for the bag")
 
 
 class BagWriter:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from pushfric_core.errors import InvalidInput
+
 if TYPE_CHECKING:
     from rosbags.interfaces import Qos  # not otherwise: what reads CSVs alone needs no rosbags
 
@@ -22,6 +24,12 @@ BEFORE, UNKNOWN_BEFORE = "pushfric_before_recovery", "pushfric_unknown_before_re
 
 UNKNOWN_TOPIC = "a topic that is no longer known"
 """Stands for the topic of messages whose channel is not defined, or whose type is lost."""
+
+
+def check_free(folder: pathlib.Path) -> None:
+    """Refuse to record where something is. Raises InvalidInput unless this is a new or empty folder."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InvalidInput(f"{folder}: already holds files, expected a new or empty folder for the bag")
 
 
 class Definition(NamedTuple):

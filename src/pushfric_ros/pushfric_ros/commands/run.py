@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.bags.bag_writer import check_free
+from pushfric_core.bags.contents import check_free
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
