@@ -302,8 +302,8 @@ def test_no_push_is_chosen_before_it_has_caught_up(ros):
     """What the earlier estimator was told would replace the choice."""
     node = made(EstimatorNode, object=NAME)
     node._resumption = object()
-    for choose in (node._on_exclude_push, node._on_keep_push):
-        answer = choose(SelectPush.Request(push_id=0), SelectPush.Response())
+    for choose in (node._exclude, node._keep):
+        answer = node._on_select_push(choose, SelectPush.Request(push_id=0), SelectPush.Response())
         assert (answer.success, "still goes on from the bag" in answer.message) == (False, True)
     node.destroy_node()
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -97,8 +97,8 @@ class EstimatorNode(Node):
         self._publications.publish_model()
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SelectObject, "~/select_object", self._on_select_object)
-        self.create_service(SelectPush, "~/exclude_push", self._on_exclude_push)
-        self.create_service(SelectPush, "~/keep_push", self._on_keep_push)
+        self.create_service(SelectPush, "~/exclude_push", partial(self._on_select_push, self._exclude))
+        self.create_service(SelectPush, "~/keep_push", partial(self._on_select_push, self._keep))
         # time that runs backwards means another run of the cell or a bag, whose data must not be mixed with earlier data
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
@@ -240,28 +240,29 @@ class EstimatorNode(Node):
                 self.get_logger().warning(response.message)
         return response
 
-    def _on_exclude_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
+    def _on_select_push(
+        self, select: Callable[[int], str], request: SelectPush.Request, response: SelectPush.Response
+    ) -> SelectPush.Response:
         if self._resumption is not None:
             response.message = CATCHES_UP
             return response
         try:
-            left = self._now.exclude(request.push_id)
+            response.message = select(request.push_id)
         except ValueError as error:
             response.message = str(error)
             return response
-        response.success, response.message = True, f"left: {data_of(left.data_points, left.pushes)}"
+        response.success = True
         self._show_again()
         return response
 
-    def _on_keep_push(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
-        if self._resumption is not None:
-            response.message = CATCHES_UP
-            return response
-        kept = self._now.keep(request.push_id)
+    def _exclude(self, push_id: int) -> str:
+        left = self._now.exclude(push_id)
+        return f"left: {data_of(left.data_points, left.pushes)}"
+
+    def _keep(self, push_id: int) -> str:
+        kept = self._now.keep(push_id)
         self._settings = dataclasses.replace(self._settings, kept=self._now.settings.kept)
-        response.success, response.message = True, f"kept: {data_of(kept.data_points, kept.pushes)} are in"
-        self._show_again()
-        return response
+        return f"kept: {data_of(kept.data_points, kept.pushes)} are in"
 
     def _show_again(self) -> None:
         """Publish what has changed because other pushes are left out, or all begins again."""
