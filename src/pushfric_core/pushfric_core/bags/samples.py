@@ -68,13 +68,15 @@ def pusher_sample_from_msg(msg: Any) -> PusherSample:
     """The state of a pusher; its line runs through the reported tip, and its origin is at stroke position 0.
 
     Raises:
-        ValueError: a value is not finite, or as for `PushingLine`.
+        ValueError: a value is not finite, the direction is not a unit vector, or as for `PushingLine`.
     """
     direction = (msg.direction.x, msg.direction.y)
     numbers = (msg.position, msg.speed, msg.tip.x, msg.tip.y, *direction, msg.tip_radius)
     check_within("a pusher state", numbers, FARTHEST, "m or m/s")
     if msg.push_id < NO_PUSH:
         raise ValueError(f"a push id must be at least 0, got {msg.push_id}")
+    if abs(math.hypot(*direction) - 1) > 1e-6:
+        raise ValueError(f"the direction of the pushing line must have length 1, got {direction}")
     # rounded to a nanometre, so that the line is the same in every state, whatever the position
     origin = tuple(round(tip - msg.position * along, 9) for tip, along in zip((msg.tip.x, msg.tip.y), direction, strict=True))
     line = PushingLine((origin[0], origin[1]), direction, msg.tip_radius)
