@@ -81,10 +81,11 @@ def check_unit(name: str, vectors: npt.ArrayLike) -> None:
     Raises:
         ValueError: one has not; the text calls them `name`.
     """
-    lengths = np.atleast_1d(np.linalg.norm(vectors, axis=-1))
-    wrong = ~(np.abs(lengths - 1) <= UNIT)  # those that are not a number, too
-    if wrong.any():
-        raise ValueError(f"{name} must have length 1, got {lengths[wrong][0]:g}")
+    given = np.asarray(vectors, dtype=np.float64)
+    lengths = np.hypot(given[..., 0], given[..., 1])
+    good = np.abs(lengths - 1) <= UNIT  # not those that are not a number
+    if not good.all():
+        raise ValueError(f"{name} must have length 1, got {lengths[~good][0] if given.ndim > 1 else lengths:g}")
 
 
 def frozen(values: npt.ArrayLike) -> Array:

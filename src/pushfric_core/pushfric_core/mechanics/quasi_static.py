@@ -87,7 +87,6 @@ def motions(
         SolverFailed: a motion did not converge.
     """
     points, weights, mu_c = _samples(support_points, weights, mu_c)
-    check_unit("contact_normals", contact_normals)
     contacts, normals, velocities = _rows(len(mu_c), contact_points, contact_normals, tip_velocities)
     count = len(contacts) // len(mu_c)
     samples, mu_cs = np.tile(np.arange(len(mu_c)), count), np.tile(mu_c, count)
@@ -143,7 +142,6 @@ def motion_cones(
     Args and raises: as `motions`.
     """
     points, weights, mu_c = _samples(support_points, weights, mu_c)
-    check_unit("contact_normals", contact_normals)
     contacts, normals = _rows(len(mu_c), contact_points, contact_normals)
     count = len(contacts) // len(mu_c)
     samples, mu_cs = np.tile(np.arange(len(mu_c)), count), np.tile(mu_c, count)
@@ -239,13 +237,14 @@ def check_samples(points: Array, w: Array, mu_c: Array) -> None:
 
 
 def _rows(samples: int, *arrays: npt.ArrayLike) -> list[Array]:
-    """Arrays (k, 2) or (k, s, 2) as (k s, 2) each."""
+    """Contacts, normals and perhaps velocities, (k, 2) or (k, s, 2), as (k s, 2) each."""
     given = [as_array(array) for array in arrays]
     for array in given:
         if array.ndim not in (2, 3) or array.shape[-1] != 2 or (array.ndim == 3 and array.shape[1] != samples):
             raise ValueError(f"contacts and velocities must have shape (k, 2) or (k, {samples}, 2), got {array.shape}")
-        if not np.isfinite(array).all():
-            raise ValueError("contacts and velocities must be finite")
+    check_unit("contact_normals", given[1])
+    if not all(np.isfinite(array).all() for array in given):
+        raise ValueError("contacts and velocities must be finite")
     if len({len(array) for array in given}) > 1:
         lengths = ", ".join(str(len(array)) for array in given)
         raise ValueError(f"contacts, normals and velocities must have the same length, got {lengths}")

@@ -264,9 +264,9 @@ class Monitor:
             self._progress.update(self._task, completed=push)
 
     def _on_progress(self, msg: PlanProgress) -> None:
-        message = "".join(letter if letter.isprintable() else "?" for letter in msg.message)  # any program may publish it
+        message, details = _printable(msg.message), _printable(msg.details)
         if message != self._message and not self._live:
-            answers = " or ".join(filter(None, (self._hint(msg.phase), msg.details)))
+            answers = " or ".join(filter(None, (self._hint(msg.phase), details)))
             text = f"{message}  ({answers})" if msg.phase == PlanProgress.PHASE_CHOOSING else message
             at_once = self._prompts and msg.phase in PROMPTING
             self._unsaid = time.monotonic() + PATIENCE * (not at_once), text
@@ -376,3 +376,8 @@ def _in_foreground() -> bool:
         return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     except OSError:  # this terminal does not control the process, and so has no background
         return True
+
+
+def _printable(text: str) -> str:
+    """A text of a topic, to which any program may publish, with nothing in it that steers a terminal."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
