@@ -270,6 +270,16 @@ def test_a_busy_start_is_no_step_of_a_clock(recording, tmp_path):
     assert reading.ledger.doubts == []
 
 
+def test_a_run_that_went_on_to_another_object_is_a_doubt(recording, tmp_path):
+    (start,) = (one for one in recording.messages if one.topic == "/cell/estimation_start")
+    said = "the run went on from 'rubber_rect4' to 'wood_rect3': the pushes are not of one object"
+    for name, doubts in (("wood_rect3", [said]), ("rubber_rect4", [])):
+        later = recording.changed(start, lambda msg, name=name: setattr(msg, "object", name))
+        messages = [*recording.messages, later._replace(log_time_ns=recording.end)]
+        ledger = Recorded(recording.write(tmp_path / name, messages)).ledger()
+        assert [one.text for one in ledger.doubts] == doubts
+
+
 def test_the_last_push_may_be_repeated_twice(recording, tmp_path):
     """Without the plan, which has twelve pushes here."""
     reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", renamed(recording, {12: 23, 13: 35})))
@@ -338,9 +348,7 @@ def test_aborted_pushes_are_counted_against_the_plan():
     assert disagreements(result_of(DEMO), live, 14, 0) == []
     other, said = disagreements(result_of(DEMO), FrictionEstimate(object="wood", data_points=60, pushes=12), 14, 0)
     assert other == "the live estimate is of wood, what is written here of rubber_rect4"
-    assert said.startswith(
-        "one of bag and live estimate missed messages, or the estimate was begun again: it has 60 observations"
-    )
+    assert said.startswith("one of bag and live estimate missed messages: it has 60 observations")
     assert disagreements(result_of(DEMO), live, 14, 13) == ["13 of 14 pushes were aborted"]
     assert disagreements(result_of(DEMO), live, 1, 1) == ["1 of 1 push was aborted"]
     with contextlib.closing(Monitor(Console(quiet=True), "/planned", "pushing", None, live=False)) as monitor:

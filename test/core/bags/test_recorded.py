@@ -94,7 +94,7 @@ def two_cells(tmp_path_factory):
             for cell, later in (("left", 0), ("right", 1)):
                 raw = message.raw
                 if message.topic == "/cell/estimator_settings":
-                    raw = encode(String(data=(settings if later else settings.without([3])).to_text()))
+                    raw = encode(String(data=(settings if later else settings.without([3, 99])).to_text()))
                 writer.write(message.topic.replace("/cell", f"/{cell}"), message.log_time_ns + later, raw)
     shutil.copy(DEMO / "object.yaml", folder)
     return folder
@@ -111,11 +111,13 @@ def test_one_of_several_cells_must_be_chosen(two_cells, tmp_path):
     assert "no observations of /middle; expected the topics object_pose and pusher_state" in str(run.exception)
 
 
-@pytest.mark.parametrize(("cell", "excluded"), [("/left", (3,)), ("right/", ())])
+@pytest.mark.parametrize(("cell", "excluded"), [("/left", (3, 99)), ("right/", ())])
 def test_the_settings_are_those_of_the_chosen_cell(two_cells, cell, excluded):
     assert Recorded(two_cells, cell).settings.excluded == excluded
-    leave_out = [text for push in excluded for text in ("--exclude-push", str(push))]
+    leave_out = [text for push in excluded[:1] for text in ("--exclude-push", str(push))]
     run = invoked("estimate", two_cells, "--namespace", cell, "--json")
     chosen, alone = json.loads(run.stdout), json.loads(invoked("estimate", DEMO, *leave_out, "--json").stdout)
     assert chosen["data_points"] == alone["data_points"]
     assert chosen["w"] == alone["w"]
+    again = json.loads(invoked("estimate", two_cells, "--namespace", cell, "--keep-push", "3", "--json").stdout)
+    assert again["w"] == json.loads(invoked("estimate", DEMO, "--keep-push", "3", "--json").stdout)["w"]

@@ -179,7 +179,8 @@ def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
         out.publish(first)
         ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
     assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
-    out.publish(first)
+    out.publish(first)  # of a push that is left out
+    out.publish(observation_to_msg(DATA[1], NAME))
     ros.wait_for(lambda: len(estimates) == 4, what="an estimate")
     assert [msg.data_points for msg in estimates] == [1, 2, 0, 1]
     assert call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="wood_rect3")).success
@@ -195,7 +196,7 @@ def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
     broken = observation_to_msg(DATA[0], NAME)
     broken.half_width = 1e200
     out.publish(broken)
-    out.publish(first)
+    out.publish(observation_to_msg(DATA[2], NAME))
     ros.wait_for(lambda: len(estimates) == 6, what="an estimate")
     assert [(msg.object, msg.data_points) for msg in estimates[4:]] == [("wood_rect3", 0), ("wood_rect3", 1)]
 
@@ -285,7 +286,7 @@ def latest(ros, node):
     return parts
 
 
-def test_an_excluded_push_stays_excluded_until_a_reset(ros):
+def test_an_excluded_push_stays_excluded_until_it_is_kept(ros):
     node, out, estimates = estimator_of_observations(ros)
     settings = ros.heard(node, String, "estimator_settings", LATCHED)
     parts = latest(ros, node)
@@ -309,9 +310,12 @@ def test_an_excluded_push_stays_excluded_until_a_reset(ros):
     assert (estimates[-1].data_points, estimates[-1].pushes) == (3, 2)
     ros.wait_for(lambda: EstimatorSettings.from_text(settings[-1].data).kept == (7,), what="the settings")
     assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
-    out.publish(data[1])
+    out.publish(observation_to_msg(DATA[4], NAME))
     ros.wait_for(lambda: len(estimates) == 6, what="an estimate after the reset")
-    assert EstimatorSettings.from_text(settings[-1].data).excluded == ()
+    assert (estimates[-1].data_points, estimates[-1].pushes) == (1, 1)
+    last = EstimatorSettings.from_text(settings[-1].data)
+    assert (last.excluded, last.kept) == ((DATA[3].push_id, 7), (7,))
+    assert estimates[-1].spread.data_points == 0  # no belief of before the reset stays
 
 
 def test_contradicting_data_give_a_status_and_no_values(ros):

@@ -181,7 +181,7 @@ class Recorded:
             found, ledger, plan = self._account(bag, source, model, settings, warn)
             if not found:
                 raise InvalidInput(f"{path}: its {source.kind} give no observation of {model.name}")
-        for push_id in settings.excluded:
+        for push_id in sorted({*settings.excluded} - {*self.settings.excluded}):
             if all(observation.push_id != push_id for observation in found):
                 raise InvalidInput(f"{path}: no observation of push {push_id}, which is to be left out")
         for line in ledger.lines:

@@ -14,7 +14,7 @@ from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
 from pushfric_core.trajectories.course import Planned
 from pushfric_core.trajectories.ledger import DoubtCode, Ledger
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.wording import counted
+from pushfric_core.wording import counted, shortened
 
 if TYPE_CHECKING:
     from pushfric_core.bags.bag import Bag
@@ -140,7 +140,7 @@ class RunRecord:
         self._repeated = 0
         self._unread: set[str] = set()  # topics with messages that cannot be read
         self._last: BagMessage | None = None  # estimate
-        self._starts = 0
+        self._objects: list[str] = []  # by the name or file of each that an estimate was begun of
         self.plan = PlanRecord()
 
     def take(self, message: BagMessage) -> None:
@@ -157,7 +157,7 @@ class RunRecord:
             elif name == PLAN:
                 content(self._bag, message, self.plan.take)
             else:
-                self._starts += content(self._bag, message, lambda msg: msg.continuation == 0)
+                self._objects += content(self._bag, message, lambda msg: [str(msg.object)] * (msg.continuation == 0))
         except (ValueError, PushfricError):
             self._unread.add(name)
 
@@ -185,11 +185,15 @@ class RunRecord:
         alike = recorded is None or (
             recorded.trajectory == settings.trajectory and recorded.with_forces == settings.with_forces
         )
-        if made is not None and alike and self._starts <= 1 and OBSERVATION not in self._unread and self._observations:
+        one_estimate = len(self._objects) <= 1
+        if made is not None and alike and one_estimate and OBSERVATION not in self._unread and self._observations:
             self._compare_observations(ledger, made)
-        if self._starts <= 1 and not {OBSERVATION, ESTIMATE} & self._unread:
+        if one_estimate and not {OBSERVATION, ESTIMATE} & self._unread:
             self._compare_estimate(ledger, recorded or settings, earlier)
         if made is not None:
+            if len(set(self._objects)) > 1:
+                first, *_, last = map(shortened, self._objects)
+                ledger.doubt(DoubtCode.RUN_DIFFERS, f"the run went on from {first} to {last}: the pushes are not of one object")
             self.plan.doubt_empty(ledger, {one.push_id for one in made})
         self.plan.doubt_end(ledger)
 

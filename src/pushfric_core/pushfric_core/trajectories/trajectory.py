@@ -97,6 +97,11 @@ class Trajectory:
         return 0.0 if pose is None or state is None else (pose - state) / NANOSECONDS
 
     @property
+    def pushes(self) -> set[int]:
+        """The pushes that the pusher states tell of."""
+        return {one.push_id for one in self._course.pushes}
+
+    @property
     def lag(self) -> Lag | None:
         """How late the poses are stamped against the pusher states; None until five pushes of a tip on its line show it."""
         return self._lags.lag
@@ -117,7 +122,7 @@ class Trajectory:
         poses.end(TOO_FEW, self._run.open)
         for number, state in enumerate(self._pushers):
             states.end(self._fate_of(state, number < self._partners, math.inf))
-        ledger.pushes = {one.push_id for one in self._course.pushes}
+        ledger.pushes = self.pushes
         for since, until in self._following.frozen.items():
             text = f"poses stayed the same to the last bit for {seconds(until - since)} of a push: the tracker stood still"
             ledger.doubt(DoubtCode.POSES_FROZEN, text, since)

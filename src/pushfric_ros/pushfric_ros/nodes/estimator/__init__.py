@@ -2,7 +2,7 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -95,10 +95,10 @@ class EstimatorNode(Node):
             self.get_logger().warning(f"goes on from {self._bag}")
         self._publications.publish_all()
         self._publications.publish_model()
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(SelectObject, "~/select_object", self._on_select_object)
-        self.create_service(SelectPush, "~/exclude_push", partial(self._on_select_push, self._exclude))
-        self.create_service(SelectPush, "~/keep_push", partial(self._on_select_push, self._keep))
+        self.create_service(Trigger, "~/reset", partial(self._on_choice, self._reset))
+        self.create_service(SelectObject, "~/select_object", partial(self._on_choice, self._select_object))
+        self.create_service(SelectPush, "~/exclude_push", partial(self._on_choice, self._exclude))
+        self.create_service(SelectPush, "~/keep_push", partial(self._on_choice, self._keep))
         # time that runs backwards means another run of the cell or a bag, whose data must not be mixed with earlier data
         backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
         self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_clock_jump)
@@ -154,13 +154,13 @@ class EstimatorNode(Node):
             known = "no observations" if estimate is None else data_of(estimate.data_points, estimate.pushes)
             self.get_logger().warning(f"has gone on from the bag with {known}; the topics lead from here")
 
-    def _begin(self, chosen: str, first: int | None = None) -> None:
-        """Start a new estimate of an object, given by its name or file; the first push as of `PlanRecord`."""
+    def _begin(self, chosen: str, first: int | None = None, without: Iterable[int] = ()) -> None:
+        """Start a new estimate of an object, given by its name or file, without these pushes; the first as of `PlanRecord`."""
         settings = self._settings
         if self._resumption is not None and (last := self._resumption.settings) is not None:
             self._settings = dataclasses.replace(settings, kept=last.kept)
             settings = dataclasses.replace(self._settings, excluded=last.excluded)
-        self._now = LiveEstimation(chosen, settings, self.get_logger(), first)
+        self._now = LiveEstimation(chosen, settings.without(without), self.get_logger(), first)
         for observation in self._prior if chosen == self._initial else ():
             self._now.learn(observation)
         self._publications.begin(self._now)
@@ -214,53 +214,49 @@ class EstimatorNode(Node):
         if self._observations_out is not None:
             self._observations_out.publish(observation_to_msg(observation, self._now.object.name))
 
-    def _start_afresh(self, chosen: str) -> None:
+    def _start_afresh(self, chosen: str, without: Iterable[int] = ()) -> None:
         load_object(chosen)  # what cannot be loaded changes nothing
-        self._resumption = None  # the rest of a bag no longer counts
-        self._begin(chosen)
+        self._begin(chosen, without=without)
         self._announcements.start(self._now, None)
-        self._show_again()
 
-    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._start_afresh(self._now.chosen)
-        response.success, response.message = True, f"estimation of {self._now.object.name} starts again"
-        return response
-
-    def _on_select_object(self, request: SelectObject.Request, response: SelectObject.Response) -> SelectObject.Response:
-        try:
-            self._start_afresh(request.object)
-        except InvalidInput as error:
-            response.message = str(error)
-        else:
-            response.success, response.message = True, f"estimation of {self._now.object.name} starts"
-            if self._prior:
-                model, of = self._models.model, load_object(self._initial).name
-                used = "goes on from" if self._now.chosen == self._initial else f"does not use the model of {of},"
-                response.message += f"; it {used} {model}"
-                self.get_logger().warning(response.message)
-        return response
-
-    def _on_select_push(
-        self, select: Callable[[int], str], request: SelectPush.Request, response: SelectPush.Response
-    ) -> SelectPush.Response:
+    def _on_choice(self, choose: Callable[[Any], str], request: Any, response: Any) -> Any:
+        """Carry out what a person chose, which gives the answer; the bag has it, so that it gives the same estimate."""
         if self._resumption is not None:
             response.message = CATCHES_UP
             return response
         try:
-            response.message = select(request.push_id)
-        except ValueError as error:
+            response.message = choose(request)
+        except (ValueError, InvalidInput) as error:
             response.message = str(error)
             return response
         response.success = True
         self._show_again()
         return response
 
-    def _exclude(self, push_id: int) -> str:
-        left = self._now.exclude(push_id)
+    def _reset(self, _: Trigger.Request) -> str:
+        self._now.leave_out(self._pushes_so_far())
+        return f"estimation of {self._now.object.name} starts again"
+
+    def _select_object(self, request: SelectObject.Request) -> str:
+        self._start_afresh(request.object, self._pushes_so_far())
+        answer = f"estimation of {self._now.object.name} starts"
+        if self._prior:
+            model, of = self._models.model, load_object(self._initial).name
+            used = "goes on from" if self._now.chosen == self._initial else f"does not use the model of {of},"
+            answer += f"; it {used} {model}"
+            self.get_logger().warning(answer)
+        return answer
+
+    def _pushes_so_far(self) -> set[int]:
+        """The pushes of this run, without those of the model that it went on from."""
+        return self._now.pushes - {observation.push_id for observation in self._prior}
+
+    def _exclude(self, request: SelectPush.Request) -> str:
+        left = self._now.exclude(request.push_id)
         return f"left: {data_of(left.data_points, left.pushes)}"
 
-    def _keep(self, push_id: int) -> str:
-        kept = self._now.keep(push_id)
+    def _keep(self, request: SelectPush.Request) -> str:
+        kept = self._now.keep(request.push_id)
         self._settings = dataclasses.replace(self._settings, kept=self._now.settings.kept)
         return f"kept: {data_of(kept.data_points, kept.pushes)} are in"
 
@@ -287,7 +283,9 @@ class EstimatorNode(Node):
 
     def _on_clock_jump(self, jump: TimeJump) -> None:
         self.get_logger().warning(f"the clock jumped back by {-jump.delta.nanoseconds / 1e9:.3f} s: estimation starts again")
+        self._resumption = None  # the rest of a bag no longer counts
         self._start_afresh(self._now.chosen)
+        self._show_again()
 
     def _report(self) -> None:
         if self._resumption is not None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections import Counter
+from collections.abc import Iterable
 from typing import Any
 
 from pushfric_core.bags.run_record import PLAN, PlanRecord
@@ -56,6 +57,11 @@ class LiveEstimation:
         self.online = OnlineEstimation(model.outline, estimator, settings.region.region_margin, recognizer, self.refuse)
 
     @property
+    def pushes(self) -> set[int]:
+        """The pushes so far, by what came of them."""
+        return self.maker.trajectory.pushes | {observation.push_id for observation in self.made}
+
+    @property
     def settings(self) -> EstimatorSettings:
         """The settings, with the pushes that are left out now."""
         return dataclasses.replace(self._settings, excluded=tuple(sorted(self.excluded)))
@@ -100,13 +106,22 @@ class LiveEstimation:
     def keep(self, push_id: int) -> Estimate:
         """Keep a push in, or take it back; return the estimate with it."""
         self._settings = dataclasses.replace(self._settings, kept=tuple(sorted({*self._settings.kept, push_id})))
-        if push_id in self.excluded:  # all again, in the order in which a bag has them
+        if push_id in self.excluded:
             self.excluded.remove(push_id)
-            self._estimate_anew()
-            made, self.made = self.made, []
-            for observation in made:
-                self.learn(observation)
+            self._learn_again()
         return self.online.keep(push_id)
+
+    def leave_out(self, pushes: Iterable[int]) -> None:
+        """Leave these pushes out, whether they have given an observation or not."""
+        self.excluded.update(pushes)
+        self._learn_again()
+
+    def _learn_again(self) -> None:
+        """Take all observations again, in the order in which a bag has them."""
+        self._estimate_anew()
+        made, self.made = self.made, []
+        for observation in made:
+            self.learn(observation)
 
     def judge(self) -> Verdict:
         """Judge the estimate again."""

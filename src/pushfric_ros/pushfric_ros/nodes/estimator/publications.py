@@ -115,6 +115,7 @@ class Publications:
 
     def publish_nothing(self) -> None:
         """Publish that nothing is known: without observations, nothing that was published before is valid any longer."""
+        self.begin(self._now)
         msg = nothing_known(self._now.object.name)
         self._estimate_out.publish(msg)
         self._parts(msg)
