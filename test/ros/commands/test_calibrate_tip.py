@@ -113,6 +113,7 @@ def test_the_tip_is_written_into_the_cells_file(cell):
     [
         (["--force"], "shows no live camera: give --positions"),
         (["--force", "--positions", "0"], "2 pictures, but --positions names 1"),
+        (["--force", "--positions", "0,50"], "--positions must lie within 0.05 m, got (0.0, 50.0): are these millimetres?"),
         (["--out", "none"], "none: no such folder"),
     ],
 )

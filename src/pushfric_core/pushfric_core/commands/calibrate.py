@@ -22,6 +22,7 @@ from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.yaml_files import edited_yaml
 from pushfric_core.files.yaml_text import Value
+from pushfric_core.plausible import check_within
 from pushfric_core.pushers.pusher import PusherConfig
 from pushfric_core.records import plain
 from pushfric_core.vision.board import Board
@@ -193,7 +194,7 @@ def tip(
     camera, source = load_camera(file.camera.calibration), source or file.camera.source
     frames = frames_from(source, file.namespace, (camera.width, camera.height), file.discovery)
     with telling_what_is_left(lambda: "nothing was written"):
-        places, images = _tip_pictures(file, file.pusher, camera, frames, _numbers(positions), speed)
+        places, images = _tip_pictures(file, file.pusher, camera, frames, _positions(positions, file.pusher.stroke), speed)
         measured = measure_tip(camera, places, images, file.pusher.tip_radius, tip_height)
         values: dict[str, Value] = {
             "line_origin": [round(value, 5) for value in measured.line_origin.tolist()],
@@ -253,8 +254,11 @@ def _consent(pusher: PusherConfig, speed: float) -> None:
     )
 
 
-def _numbers(text: str) -> list[float]:
+def _positions(text: str, stroke: float) -> list[float]:
     try:
-        return [float(one) for one in text.split(",")] if text else []
+        found = [float(one) for one in text.split(",")] if text else []
     except ValueError as error:
         raise InvalidInput(f"--positions must be numbers with commas between them, got {text!r}") from error
+    with blaming():
+        check_within("--positions", found, stroke, "m")
+    return found
