@@ -188,8 +188,7 @@ def test_any_jog_is_stopped_at_once(stage, what):
             assert stage.rest() < 0.032 + DEAD_MAN + LATE + SPEED * (noticing(heard) - USUAL)
             return
         begin = stage.controller.position()
-        pusher.stop()
-        stage.drive(pusher, lambda: not pusher.busy)
+        stage.carry_out(pusher, pusher.stop)
     assert stage.rest() - begin <= DEAD_MAN + LATE
 
 
@@ -360,8 +359,7 @@ def test_a_controller_found_moving_is_asked_held_and_not_believed(stage, line):
     assert stage.controller._state == "Idle"  # and what was held does not go on
     stage.line.tell_controller(b"~")
     assert stage.rest() == rest
-    pusher.recover()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.recover)
     assert pusher.doubt is None
 
 
@@ -509,8 +507,7 @@ def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving)
     with pytest.raises(NotReady, match="is not known until it is recovered: axis"):
         pusher.move_to(0.01, SPEED)
     stage.line.heal()
-    pusher.recover()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.recover)
     stage.push(pusher, 0.01)
 
 
@@ -542,8 +539,7 @@ def test_a_shift_that_a_reset_ends_is_a_doubt(stage, parts):
     pusher = stage.driver()
     assert pusher.axis.last.position == -0.004
     stage.line.heal()
-    pusher.stop()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.stop)
     assert pusher.doubt == "a reset changed its work offset from (4.000, 0.000, 0.000) mm to (0.000, 0.000, 0.000) mm"
 
 
@@ -725,12 +721,10 @@ def test_the_bytes_that_are_ever_sent(stage):
     """No setting is changed, and nothing but a jog moves; see docs/hardware.md."""
     sent = stage.listen()
     pusher = under_way(stage, 0.03)
-    pusher.stop()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.stop)
     stage.controller.hit_limit()
     stage.fails(pusher, PusherError, "ALARM:1")
-    pusher.recover()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.recover)
     stage.push(pusher, 0.0)
     pusher.close()
     lines = bytes(sent).translate(None, b"?!\x85\x18\x90").split(b"\n")
