@@ -129,12 +129,28 @@ def driver(port: str, home: bool = False, only_look: bool = False, **settings) -
     return SerialPusher(GrblConfig(port, **settings), home, only_look)
 
 
-def connect(peer: Peer, greet: str = GREETING, **kwargs) -> SerialPusher:
+def greet(pusher: SerialPusher, peer: Peer, greeting: str = GREETING) -> None:
+    """Connect a driver to a controller that greets it."""
+    pusher.connect()
+    peer.say(greeting)
+    rest(pusher, peer)
+
+
+def connect(peer: Peer, greeting: str = GREETING, **kwargs) -> SerialPusher:
     """A driver connected to a scripted controller."""
     pusher = driver(peer.port, connect_timeout=1.0, **PATIENT | kwargs)
-    pusher.connect()
-    peer.say(greet)
-    rest(pusher, peer)
+    greet(pusher, peer, greeting)
+    return pusher
+
+
+def homing(peer: Peer) -> SerialPusher:
+    """A driver that was told to recover, and homes."""
+    peer.replies[b"$H"] = ""
+    pusher = connect(peer, home=True)
+    assert peer.heard == ASKED  # a connection does not move
+    peer.heard = b""
+    pusher.recover()
+    drive(pusher, lambda: pusher.mode is Mode.HOMING and b"$H\n" in peer.heard, peer)
     return pusher
 
 
@@ -247,7 +263,7 @@ def test_noise_at_boot_is_ignored(peer):
 
 
 def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
-    pusher = connect(peer, greet="")
+    pusher = connect(peer, "")
     assert peer.heard == ASKED
     assert pusher.mode is Mode.IDLE
     assert pusher.doubt is None
@@ -317,12 +333,7 @@ def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
 
 
 def test_home_is_where_the_stroke_begins(peer):
-    peer.replies[b"$H"] = ""
-    pusher = connect(peer, home=True)
-    assert peer.heard == ASKED  # a connection does not move
-    peer.heard = b""
-    pusher.recover()
-    drive(pusher, lambda: pusher.mode is Mode.HOMING and b"$H\n" in peer.heard, peer)
+    pusher = homing(peer)
     peer.say("ok\r\n")
     rest(pusher, peer, "<Idle|MPos:-199.000,0.000,0.000|FS:0,0>")
     assert peer.heard == b"\x18" + ASKED_AGAIN + b"$H\n"
@@ -332,10 +343,7 @@ def test_home_is_where_the_stroke_begins(peer):
 
 
 def test_homing_that_fails_is_an_alarm_until_the_next_attempt(peer):
-    peer.replies[b"$H"] = ""
-    pusher = connect(peer, home=True)
-    pusher.recover()
-    drive(pusher, lambda: b"$H\n" in peer.heard, peer)
+    pusher = homing(peer)
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"
     peer.say("ALARM:8\r\n")
     fail_and_rest(pusher, Halted, "ALARM:8 Homing fail", peer)
@@ -343,10 +351,7 @@ def test_homing_that_fails_is_an_alarm_until_the_next_attempt(peer):
 
 
 def test_homing_is_stopped_by_a_reset(peer):
-    peer.replies[b"$H"] = ""
-    pusher = connect(peer, home=True)
-    pusher.recover()
-    drive(pusher, lambda: b"$H\n" in peer.heard, peer)
+    pusher = homing(peer)
     peer.heard, peer.on_reset = b"", "ALARM:6\r\n" + GREETING
     pusher.stop()
     rest(pusher, peer, "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>")
@@ -553,9 +558,7 @@ def test_a_restart_at_rest_is_a_doubt_of_the_next_connection(peer):
     pusher = connect(peer)
     peer.say(GREETING)
     fail(pusher, NotConnected, "restarted", peer)
-    pusher.connect()
-    peer.say(GREETING)
-    rest(pusher, peer)
+    greet(pusher, peer)
     assert pusher.doubt == "the controller restarted by itself: its reset input, or its supply"
     refuses(pusher)
 
@@ -718,9 +721,7 @@ def test_reconnecting_neither_moves_nor_homes(peer):
     pusher.close()
     peer.heard = b""
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
-    pusher.connect()
-    peer.say(GREETING)
-    rest(pusher, peer)
+    greet(pusher, peer)
     assert peer.heard == ASKED
     assert pusher.mode is Mode.ALARM
     with pytest.raises(NotReady, match="the pusher's mode is alarm, expected idle"):

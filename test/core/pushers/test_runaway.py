@@ -264,34 +264,22 @@ def test_the_pieces_end_at_the_target_and_are_never_far_ahead(acceleration, star
 
 CHILD = """
 import sys, time
-from pushfric_core.pushers.driver import Phase
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_config import GrblConfig
 pusher = SerialPusher(GrblConfig(sys.argv[1], silence=0.8))
-pusher.connect()
-while pusher.busy:
-    pusher.poll()
-    time.sleep(0.003)
-pusher.move_to(float(sys.argv[2]), float(sys.argv[3]))
-while pusher.busy:
-    pusher.poll()
-    time.sleep(0.003)
+for command in (pusher.connect, lambda: pusher.move_to(float(sys.argv[2]), float(sys.argv[3]))):
+    command()
+    while pusher.busy:
+        pusher.poll()
+        time.sleep(0.003)
 """
-
-
-@contextlib.contextmanager
-def host(stage: Stage, distance: float = FAR) -> Iterator[subprocess.Popen]:
-    """Another process that drives the pusher."""
-    process = subprocess.Popen([sys.executable, "-c", CHILD, stage.line.port, str(distance), str(SPEED)])
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+"""Another process that drives the pusher."""
 
 
 def test_a_host_that_is_stopped_leaves_a_pusher_that_rests(stage):
-    with host(stage) as process:
+    command = [sys.executable, "-c", CHILD, stage.line.port, str(FAR), str(SPEED)]
+    with subprocess.Popen(command) as process, contextlib.ExitStack() as end:
+        end.callback(process.kill)
         wait_until(lambda: stage.controller.position() > 0.01)
         process.send_signal(signal.SIGSTOP)
         begin = stage.controller.position()
@@ -474,13 +462,8 @@ def test_two_reports_that_agree_move_no_pusher_that_rests(stage):
     stage.push(pusher, 0.01)
     false = b"<Idle|MPos:8.000,0.000,0.000|FS:0,0>\r\n"
     stage.line.to_host = lambda data: false if b"MPos" in data else data
-
-    def asked_for_ever() -> bool:
-        pusher.ask(0)
-        return False
-
     with pytest.raises(Jumped, match=r"it was at 0\.0100 m and then, at once, at 0\.0080 m"):
-        stage.drive(pusher, asked_for_ever)
+        stage.drive(pusher, lambda: pusher.ask(0))  # for ever
     assert pusher.doubt is not None
 
 
@@ -494,13 +477,8 @@ def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving)
     if not moving:
         pusher.ask(0)
     places = rf"axis {letter} went from 0\.000 mm to \d+\.\d{{3}} mm; only X may move"
-
-    def asked() -> bool:
-        pusher.ask(0)
-        return False
-
     with pytest.raises(LeftTheWay, match=places):
-        stage.drive(pusher, asked)
+        stage.drive(pusher, lambda: pusher.ask(0))  # for ever
     stage.drive(pusher, lambda: not pusher.busy)
     assert stage.rest() < 0.03
     assert pusher.doubt is not None
