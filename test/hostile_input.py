@@ -65,6 +65,7 @@ from pushfric_ros.messages.conversions import (
 )
 from pushfric_ros.messages.types import definition
 from pushfric_ros.node_kit.lock import domain
+from pushfric_ros.node_kit.planner_client import QUESTIONS
 from pushfric_ros.nodes.planner import Answers, Known
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -439,26 +440,16 @@ def _go_on(data: bytes, folder: pathlib.Path) -> None:
     write_table(lines, out)
 
 
-QUESTIONS = (
-    ("predict_push", PredictPush),
-    ("stable_pushes", StablePushes),
-    ("predict_stroke", PredictStroke),
-    ("motion_cone", MotionCone),
-    ("limit_surface", GetLimitSurface),
-)
-"""What a planner node is asked; the first byte of an input says which."""
-
-
 def _questions() -> list[bytes]:
-    """Requests of each kind, and a model."""
+    """Requests of each kind, in the order of QUESTIONS, and a model; the first byte says which."""
     contact = {"contact_points": [0.0, -0.032], "contact_normals": [0.0, -1.0]}
     requests = (
         PredictPush.Request(**contact, tip_velocities=[0.0, 1.0], with_samples=True),
-        StablePushes.Request(**contact, half_widths=[0.01], centers_of_rotation=[0.1, 0.0], turns=[1]),
         PredictStroke.Request(
             starts=[0.0, 0.0, 0.0], origins=[0.0, -0.04], directions=[0.0, 1.0], tip_radii=[0.003], positions=[0.01]
         ),
         MotionCone.Request(**contact),
+        StablePushes.Request(**contact, half_widths=[0.01], centers_of_rotation=[0.1, 0.0], turns=[1]),
         GetLimitSurface.Request(deadline=1.0),
         _model_message(),
     )
@@ -482,7 +473,7 @@ def _known() -> Known:
 
 def _answer(data: bytes, _: pathlib.Path) -> None:
     number = data[0] if data else 0
-    name, kind = QUESTIONS[number % len(QUESTIONS)]
+    name, kind = list(QUESTIONS.items())[number % len(QUESTIONS)]
     try:
         request = deserialize_message(data[1:], FrictionModel if number == len(QUESTIONS) else kind.Request)
     except RuntimeError:  # the middleware's: such a message never reaches a node

@@ -33,8 +33,7 @@ class LineStage:
     def driver(self, home: bool = False, only_look: bool = False, **settings: Any) -> Any:
         """A driver that is connected and ready."""
         pusher = SerialPusher(self.config(self.line.port, **self.patience | settings), home, only_look)
-        pusher.connect()
-        self.drive(pusher, lambda: not pusher.busy)
+        self.carry_out(pusher, pusher.connect)
         return pusher
 
     def drive(self, pusher: SerialPusher, until: Callable[[], object], seconds: float = 60.0) -> list:
@@ -47,10 +46,14 @@ class LineStage:
             time.sleep(0.002)
         return reports
 
+    def carry_out(self, pusher: SerialPusher, command: Callable[[], None]) -> list:
+        """Give a command, poll until the pusher rests, and return the reports."""
+        command()
+        return self.drive(pusher, lambda: not pusher.busy)
+
     def push(self, pusher: SerialPusher, target: float) -> list:
         """Go to a target [m] and return the reports."""
-        pusher.move_to(target, SPEED)
-        return self.drive(pusher, lambda: not pusher.busy)
+        return self.carry_out(pusher, lambda: pusher.move_to(target, SPEED))
 
     def fails(
         self, pusher: SerialPusher, error: type[PusherError] | tuple[type[PusherError], ...], text: str | None = None

@@ -1,10 +1,12 @@
 """Worked problems with known answers, shared by the tests."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core import Constraint, ConstraintRows, Observation, Outline, Support, Touch, pushed_motion
+from pushfric_core import Constraint, ConstraintRows, Observation, Outline, Support, Touch, Twist, pushed_motion
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.geometry.planar import Array, rotation, velocity_at
 from pushfric_core.geometry.support import NOT_FREE, FreeRadii, support_forces
@@ -36,6 +38,17 @@ def observations_of(outline: Outline, support: Support, mu_c: float, count: int,
         if speeds.min() > 1e-3 * speeds.max():  # the model rounds the corner of Coulomb's law, at which a support stands still
             found.append(Observation(tuple(point), tuple(normal), motion.twist, push_id=len(found)))
     return found
+
+
+def seen_often(
+    pushes: list[Observation], rng: np.random.Generator, noise: float = 0.01, times: int = 4
+) -> Iterator[Observation]:
+    """Each motion, seen so many times with errors of this share of the speed; the tip sticks."""
+    for push in pushes:
+        tip = velocity_at(push.twist, np.asarray(push.contact_point))
+        for _ in range(times):
+            errors = noise * np.hypot(*tip) * rng.normal(size=3) * (1, 1, 1 / 0.06)
+            yield replace(push, twist=Twist(*(np.array(push.twist) + errors).tolist()), tip_velocity=tuple(tip.tolist()))
 
 
 def four_feet() -> Problem:

@@ -36,6 +36,13 @@ def group(a, above=1.0, below=1.0):
     return ConstraintRows(a, np.broadcast_to(above, len(a)).astype(float), np.broadcast_to(below, len(a)).astype(float))
 
 
+def filled(program, *groups):
+    """The program, with these groups of rows."""
+    for rows in groups:
+        program.add(rows)
+    return program
+
+
 def pushes(rng, n, count, noise=1e-3, half_width=0.0, bearing=3):
     """Observations of an object 0.1 m wide on some of n supports: moment rows and the hard row f.n >= 0 of each; and w."""
     points = rng.uniform(-0.05, 0.05, (n, 2))

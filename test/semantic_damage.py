@@ -78,6 +78,11 @@ class Recording:
         times = [state.log_time_ns for state in states if self._bag.deserialize(state).push_id == push_id]
         return times[0], times[-1]
 
+    def without_push(self, push_id: int) -> Messages:
+        """The messages but those that were recorded during a push."""
+        begin, end = self.span_of(push_id)
+        return [message for message in self.messages if not begin <= message.log_time_ns <= end]
+
 
 def _stream(rng: np.random.Generator) -> str:
     return STREAMS[int(rng.integers(2))]

@@ -39,10 +39,7 @@ WITHOUT_KEY = {"osqp"}
 
 @pytest.fixture(scope="module")
 def script():
-    specification = importlib.util.spec_from_file_location("set_up", ROOT / "set_up.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+    return importlib.import_module("set_up")
 
 
 def package(name):

@@ -316,29 +316,26 @@ def public():
     """All public names that take arrays, and their public methods that do."""
     for name in pushfric_core.__all__:
         thing = getattr(pushfric_core, name)
-        if callable(thing) and takes(thing, is_array):
+        if callable(thing) and takes_arrays(thing):
             yield name
         for member, value in vars(thing).items() if inspect.isclass(thing) else ():
-            if inspect.isfunction(value) and not member.startswith("_") and takes(value, is_array):
+            if inspect.isfunction(value) and not member.startswith("_") and takes_arrays(value):
                 yield f"{name}.{member}"
 
 
-def takes(function, wanted):
+def takes_arrays(function):
     try:
         parameters = inspect.signature(function).parameters.values()
     except ValueError:  # a class whose objects are not made by a call
         return False
-    return any(contains(one.annotation, wanted) for one in parameters)
+    return any(has_arrays(one.annotation) for one in parameters)
 
 
-def contains(annotation, wanted):
-    return wanted(annotation) or any(contains(part, wanted) for part in typing.get_args(annotation))
-
-
-def is_array_like(annotation):
-    parts = typing.get_args(annotation)
-    return all(part in parts for part in typing.get_args(npt.ArrayLike))
+def has_arrays(annotation):
+    return is_array(annotation) or any(map(has_arrays, typing.get_args(annotation)))
 
 
 def is_array(annotation):
-    return is_array_like(annotation) or annotation in (Array, tuple[float, float], Twist, Wrench)
+    parts = typing.get_args(annotation)
+    array_like = all(part in parts for part in typing.get_args(npt.ArrayLike))
+    return array_like or annotation in (Array, tuple[float, float], Twist, Wrench)

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 from axe import AXE, WATCH_SHIFTS, restless, violations
+from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
 from playwright.sync_api import Browser, Page, expect
@@ -32,7 +33,6 @@ from pushfric_ros.commands.demo import demo_cell
 from pushfric_ros.graph import graph
 from pushfric_ros.graph.supervisor import Supervisor
 from pushfric_ros.messages.conversions import pose_to_msg
-from pushfric_ros.node_kit.parameters import overrides
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.view import ViewNode
 
@@ -43,7 +43,7 @@ PUSHES = 80
 """More pushes than the tests take."""
 
 
-SCREEN, ALL_OF_IT = {"width": 1200, "height": 1270}, {"width": 1200, "height": 1460}
+SCREEN = {"width": 1200, "height": 1270}
 
 expect.set_options(timeout=PATIENCE * 1e3)
 
@@ -68,6 +68,13 @@ def visit(browser: Browser, url: str, **kwargs):
     assert moved == []
 
 
+def seen(push: int, second: int = 0) -> Observation:
+    """An observation of a push."""
+    observation = Observation(push_id=push, contact_normal=Vector3(y=-1.0))
+    observation.twist.linear.y, observation.header.stamp.sec = 0.02, second
+    return observation
+
+
 def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
     """A cell that lays it 30 mm beside its place, as placement_error does, can be helped from the page alone."""
     cell = ros.node("simulated_cell", namespace="/laid")
@@ -86,7 +93,7 @@ def test_a_simulated_object_is_laid_by_pointer_and_keys(browser, ros):
         health.publish(DiagnosticArray(status=[DiagnosticStatus(name="/laid/simulated_cell")]))
 
     cell.create_timer(0.05, show)
-    view = ros.compose(ViewNode(namespace="/laid", parameter_overrides=overrides({"object": OBJECT})))
+    view = ros.compose(made(ViewNode, "/laid", object=OBJECT))
     with visit(browser, view.url) as page:
         place, map_ = page.locator("#place"), page.locator("#map")
         expect(place).to_contain_text("50 mm, turn ↺ 29° to go")
@@ -145,8 +152,7 @@ def test_the_game_turns_its_cards_by_what_happens_in_the_cell(browser, ros):
     def go_on(phase: int, completed: int = 0, **more: int) -> None:
         plan.publish(PlanProgress(phase=phase, count=7, completed=completed, push_id=completed, message="go on", **more))
 
-    played = overrides({"object": OBJECT, "played": True})
-    view = ros.compose(ViewNode(namespace="/played", parameter_overrides=played))
+    view = ros.compose(made(ViewNode, "/played", object=OBJECT, played=True))
     ros.wait_for(estimates.get_subscription_count, PATIENCE, "the view's subscription")
     with visit(browser, view.url) as page:
         card = page.locator("#card")
@@ -171,9 +177,7 @@ def test_the_game_turns_its_cards_by_what_happens_in_the_cell(browser, ros):
         expect(page.locator("#lamp")).to_have_attribute("aria-pressed", "true")
         page.locator("#lamp").press("Enter")
         shows("Guess")
-        observation = Observation(push_id=2, contact_normal=Vector3(y=-1.0))
-        observation.twist.linear.y = 0.02
-        observations.publish(observation)
+        observations.publish(seen(2))
         estimate = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, object=OBJECT)
         estimate.center_of_friction.x, estimate.spread.center_of_friction.x = 0.007, math.nan
         estimates.publish(estimate)
@@ -212,14 +216,11 @@ def test_a_push_that_is_left_out_says_why_and_can_be_kept(browser, ros):
     observations = estimator.create_publisher(Observation, "observation", RELIABLE)
     estimates = estimator.create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
     estimator.create_service(SelectPush, "estimator/keep_push", keep)
-    view = ros.compose(ViewNode(namespace="/left_out", parameter_overrides=overrides({"object": OBJECT})))
+    view = ros.compose(made(ViewNode, "/left_out", object=OBJECT))
     for out in (observations, estimates):
         ros.wait_for(out.get_subscription_count, PATIENCE, f"the view's subscription to {out.topic_name}")
     for push in (0, 1):
-        observation = Observation(push_id=push, contact_normal=Vector3(y=-1.0))
-        observation.twist.linear.y = 0.02
-        observation.header.stamp.sec = push + 1
-        observations.publish(observation)
+        observations.publish(seen(push, push + 1))
     reason = "it moves otherwise than the others say"
     left = FrictionEstimate(status=FrictionEstimate.STATUS_OPTIMAL, objective=0.004, data_points=1)
     left.rejected = [RejectedPush(push_id=1, reason=Reason(code=Reason.PUSH_CONTRADICTS, text=reason))]
@@ -244,16 +245,11 @@ def test_whoever_looks_through_moments_does_not_wait_for_news(browser, ros):
     """What is drawn of the whole run stays as it is meanwhile; of a long one, it takes longer than a frame."""
     cell = ros.node("estimator", namespace="/looked_through")
     observations = cell.create_publisher(Observation, "observation", RELIABLE)
-    view = ros.compose(ViewNode(namespace="/looked_through", parameter_overrides=overrides({"object": OBJECT})))
+    view = ros.compose(made(ViewNode, "/looked_through", object=OBJECT))
     ros.wait_for(observations.get_subscription_count, PATIENCE, "the view's subscription")
 
-    def observe(push: int) -> None:
-        observation = Observation(push_id=push, contact_normal=Vector3(y=-1.0))
-        observation.twist.linear.y, observation.header.stamp.sec = 0.02, push + 1
-        observations.publish(observation)
-
     for push in range(3):
-        observe(push)
+        observations.publish(seen(push, push + 1))
     with visit(browser, view.url) as page:
         slider, frames = page.locator("#moment"), []
         expect(slider).to_have_js_property("max", "3")
@@ -271,7 +267,7 @@ def test_whoever_looks_through_moments_does_not_wait_for_news(browser, ros):
           };
           look();
         }""")
-        observe(3)
+        observations.publish(seen(3, 4))
         ros.wait_for(lambda: page.evaluate("0") or any("moment/3" in str(frame) for frame in frames), PATIENCE, "the news")
         page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         assert page.evaluate("window.before === document.getElementById('line').firstElementChild")

@@ -67,8 +67,7 @@ def test_a_stop_is_immediate_and_keeps_the_position(stage: Stage) -> None:
     with contextlib.closing(stage.driver()) as pusher:
         stage.under_way(pusher)
         begin = stage.controller.position()
-        pusher.stop()
-        stage.drive(pusher, lambda: not pusher.busy)
+        stage.carry_out(pusher, pusher.stop)
         rest = stage.controller.position()
         assert rest - begin <= DEAD_MAN / 2  # the most of what had been sent is not carried out
         assert pusher.doubt is None
@@ -128,8 +127,7 @@ def test_a_moving_pusher_is_stopped_when_it_is_found(stage: Stage, gone: float) 
         assert pusher.doubt == "it moved when it was found"
         with pytest.raises(NotReady, match="not known until it is recovered"):
             pusher.move_to(0.0, SPEED)
-        pusher.recover()
-        stage.drive(pusher, lambda: not pusher.busy)
+        stage.carry_out(pusher, pusher.recover)
         stage.push(pusher, 0.0)
         assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
 
@@ -137,8 +135,7 @@ def test_a_moving_pusher_is_stopped_when_it_is_found(stage: Stage, gone: float) 
 def test_it_homes(stage: Stage) -> None:
     with contextlib.closing(stage.driver(home=True)) as pusher:
         stage.push(pusher, 0.01)
-        pusher.recover()
-        stage.drive(pusher, lambda: not pusher.busy)
+        stage.carry_out(pusher, pusher.recover)
         assert b" G28 X*" in stage.sent
         assert stage.controller.position() == pytest.approx(0.0, abs=STEP)
         assert pusher.axis.last.position == 0.0

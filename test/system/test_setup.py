@@ -111,12 +111,17 @@ def test_the_script_knows_all_that_a_build_copies(script):
         assert copied or rest[0] in (package, "CHANGELOG.rst", "LICENSE"), path
 
 
-@pytest.mark.parametrize(("word", "meant"), [("estimte", "estimate"), ("--hlep", "--help"), ("setpu", "setup")])
-def test_a_misspelt_command_is_refused_before_the_set_up(workspace, word, meant):
+def called_before_the_set_up(workspace: pathlib.Path, word: str) -> "subprocess.CompletedProcess[str]":
+    """A call in a workspace with our packages, where nothing is sourced and nothing was built."""
     for package in ("pushfric_core/pushfric_core", "pushfric_ros/pushfric_ros"):
         shutil.copytree(ROOT / "src" / package, workspace / "src" / package, dirs_exist_ok=True)
     nothing = {name: value for name, value in os.environ.items() if name not in ("AMENT_PREFIX_PATH", "PYTHONPATH")}
-    done = subprocess.run([workspace / "pushfric", word], env=nothing, capture_output=True, text=True, timeout=60)
+    return subprocess.run([workspace / "pushfric", word], env=nothing, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize(("word", "meant"), [("estimte", "estimate"), ("--hlep", "--help"), ("setpu", "setup")])
+def test_a_misspelt_command_is_refused_before_the_set_up(workspace, word, meant):
+    done = called_before_the_set_up(workspace, word)
     kind = "option" if word.startswith("-") else "command"
     said = f"pushfric: no such {kind} {word!r}; did you mean {meant}? see ./pushfric --help\n"
     assert (done.returncode, done.stdout, done.stderr) == (2, "", said)
@@ -153,10 +158,7 @@ except KeyboardInterrupt:
 @pytest.fixture
 def script():
     """The set-up as a module."""
-    specification = importlib.util.spec_from_file_location("set_up", ROOT / "set_up.py")
-    script = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(script)
-    return script
+    return importlib.import_module("set_up")
 
 
 @pytest.mark.parametrize("module", ["solvers.pivoting", "mechanics.least_dissipation", "belief.inner_loops"])
@@ -165,11 +167,8 @@ def test_the_set_up_compiles_the_inner_loops(module):
 
 
 def test_a_busy_domain_is_refused_before_the_set_up(workspace):
-    for package in ("pushfric_core/pushfric_core", "pushfric_ros/pushfric_ros"):
-        shutil.copytree(ROOT / "src" / package, workspace / "src" / package, dirs_exist_ok=True)
-    nothing = {name: value for name, value in os.environ.items() if name not in ("AMENT_PREFIX_PATH", "PYTHONPATH")}
     with lock("/cell"):
-        done = subprocess.run([workspace / "pushfric", "demo"], env=nothing, capture_output=True, text=True, timeout=60)
+        done = called_before_the_set_up(workspace, "demo")
     assert (done.returncode, done.stdout) == (2, "")
     assert re.fullmatch(r"pushfric: a cell named /cell is already running on ROS domain \d+, .*\n", done.stderr)
     assert not (workspace / ".venv").exists()

@@ -26,7 +26,6 @@ from pushfric_core.bags.recovery import recover
 from pushfric_core.errors import InvalidInput
 from pushfric_msgs.msg import FrictionEstimate, Hypothesis, Observation, Recognition
 from pushfric_ros.messages import types as message_types
-from pushfric_ros.messages.types import recorded_class
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 
 OBSERVATION = "pushfric_msgs/msg/Observation"
@@ -361,14 +360,6 @@ def test_a_file_in_the_way_is_refused(tmp_path):
 def test_an_empty_folder_is_used(tmp_path):
     write_texts(tmp_path, 2)
     assert len(list(Bag(tmp_path).messages())) == 2
-
-
-def test_a_changed_definition_is_noticed(tmp_path):
-    with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/text", STRING, [offered(RELIABLE)], "RIHS01_of_another_definition")
-    (topic,) = Bag(tmp_path / "bag").summary.topics
-    with pytest.raises(InvalidInput, match="/text: was recorded with another definition of std_msgs/msg/String"):
-        recorded_class(topic)
 
 
 def test_what_is_no_bag_is_refused(tmp_path):

@@ -23,7 +23,6 @@ from pushfric_core.bags.contents import BagMessage, Definition
 from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile
 from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, decoder, definition
 from pushfric_core.bags.recovery import recover
-from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
@@ -120,17 +119,14 @@ def test_damage_that_loses_nothing_is_a_warning(copy):
 @pytest.mark.parametrize(
     ("damage", "code"), [(None, 0), (lambda content: content[:100_000], 1), (lambda content: b"no bag at all", 2)]
 )
-def test_verify_says_whether_a_bag_is_whole(copy, damage, code, monkeypatch, capfd):
+def test_verify_says_whether_a_bag_is_whole(copy, damage, code, call):
     recorded = len(list(Bag(copy).messages()))
     if damage is not None:
         mcap_of(copy).write_bytes(damage(mcap_of(copy).read_bytes()))
-    monkeypatch.setattr("sys.argv", ["pushfric", "bag", "verify", str(copy), "--json"])
-    with pytest.raises(SystemExit) as end:
-        cli.main()
-    assert (end.value.code or 0) == code
-    out, _ = capfd.readouterr()
+    run = call("bag", "verify", copy, "--json")
+    assert run.returncode == code
     if code < 2:
-        said = json.loads(out)
+        said = json.loads(run.stdout)
         assert said["whole"] == (code == 0)
         assert said["messages"] + sum(said["missing"].values()) == recorded
         assert bool(said["gaps"]) == (code == 1)

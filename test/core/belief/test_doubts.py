@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import observations_of, square
+from problems import observations_of, seen_often, square
 
 from bench.paper.pushes import NOISES, filmed, moved, objects
 from pushfric_core import Estimator, EstimatorConfig, Support, Twist
 from pushfric_core.estimation.push_plan import even_pushes
-from pushfric_core.geometry.planar import rotation, velocity_at
+from pushfric_core.geometry.planar import rotation
 
 POINTS = 0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))
 BEFORE, AFTER = (Support(POINTS, np.array(weights)) for weights in ((0.1, 0.2, 0.3, 0.4), (0.2, 0.1, 0.2, 0.5)))
@@ -18,16 +18,9 @@ BAD = 7
 SCREENING = EstimatorConfig(screening=True)
 
 
-def pushes_of(support, count, rng, first=0, noise=0.01):
-    """Each motion is seen four times, with errors of this share of the speed; the tip sticks."""
-    data = []
-    for push in observations_of(square(), support, 0.5, count, rng):
-        tip = velocity_at(push.twist, np.asarray(push.contact_point))
-        for _ in range(4):
-            errors = noise * np.hypot(*tip) * rng.normal(size=3)
-            twist = Twist(*(np.array(push.twist) + errors * (1, 1, 1 / 0.06)).tolist())
-            data.append(replace(push, twist=twist, push_id=first + push.push_id, tip_velocity=tuple(tip.tolist())))
-    return data
+def pushes_of(support, count, rng, first=0):
+    seen = seen_often(observations_of(square(), support, 0.5, count, rng), rng)
+    return [replace(one, push_id=first + one.push_id) for one in seen]
 
 
 def taken(data, config=SCREENING):

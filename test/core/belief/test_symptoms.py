@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import four_feet, observations_of, square
+from problems import four_feet, observations_of, seen_often, square
 
 from pushfric_core.belief.symptoms import normals_inward, tip_off
 from pushfric_core.estimation.estimator import Estimator, EstimatorConfig
-from pushfric_core.geometry.planar import Twist, velocity_at
+from pushfric_core.geometry.planar import Twist
 
 FEET = four_feet()
 POINTS = square().grid(4, 4, 0.01)
@@ -19,15 +19,8 @@ POINTS = square().grid(4, 4, 0.01)
 def pushes(seed, noise=0.005, count=16):
     """The tip sticks and touches; each motion is seen four times, with errors of this share of the speed."""
     rng = np.random.default_rng(seed)
-    data = []
-    for push in observations_of(square(), FEET.truth, 0.5, count, rng):
-        tip = velocity_at(push.twist, np.asarray(push.contact_point))
-        for _ in range(4):
-            errors = noise * np.hypot(*tip) * rng.normal(size=3)
-            twist = Twist(*(np.array(push.twist) + errors * (1, 1, 1 / 0.06)).tolist())
-            depth = 0.02 * noise * float(rng.normal())
-            data.append(replace(push, twist=twist, tip_velocity=tuple(tip.tolist()), depth=depth))
-    return data
+    seen = seen_often(observations_of(square(), FEET.truth, 0.5, count, rng), rng, noise)
+    return [replace(one, depth=0.02 * noise * float(rng.normal())) for one in seen]
 
 
 def deeper(depth, x=0.0, y=0.0):

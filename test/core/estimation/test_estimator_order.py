@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from problems import observations_of, square
+from problems import observations_of, seen_often, square
 
 from pushfric_core import Estimator, EstimatorConfig, Observation, Support, Twist
-from pushfric_core.geometry.planar import velocity_at
 
 FEET = Support(0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))), np.array((0.1, 0.2, 0.3, 0.4)))
 GRID = square().grid(5, 4)
@@ -20,12 +19,9 @@ BAD = 5
 def noisy(seed, bad=True, pushes=12, each=4):
     """Observations of pushes, `each` of every push, with noise; those of one push tell another motion than its tip allows."""
     rng, data = np.random.default_rng(seed), []
-    for push in observations_of(square(), FEET, 0.5, pushes, rng):
-        tip = velocity_at(push.twist, np.asarray(push.contact_point))
-        for _ in range(each):
-            errors = 0.01 * np.hypot(*tip) * rng.normal(size=3) * (1, 1, 1 / 0.06)
-            twist = (0.3 if bad and push.push_id == BAD else 1.0) * (np.array(push.twist) + errors)
-            data.append(replace(push, twist=Twist(*twist.tolist()), tip_velocity=tuple(tip.tolist()), stamp=len(data) + 1))
+    for one in seen_often(observations_of(square(), FEET, 0.5, pushes, rng), rng, times=each):
+        twist = (0.3 if bad and one.push_id == BAD else 1.0) * np.array(one.twist)
+        data.append(replace(one, twist=Twist(*twist.tolist()), stamp=len(data) + 1))
     return data
 
 

@@ -11,7 +11,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from calls import PROGRAM, invoked, wait_until
+from calls import PROGRAM, invoked, pushfric, wait_until
 from cluster import local_cluster
 from problems import observations_of
 from semantic_damage import Recording
@@ -47,11 +47,6 @@ def inputs(tmp_path):
     return folder
 
 
-def estimate(*arguments):
-    command = [*PROGRAM, "estimate", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=240, stdin=subprocess.DEVNULL, check=False)
-
-
 def table_of(out: pathlib.Path) -> dict[str, dict[str, str]]:
     with (out / "table.csv").open(newline="") as stream:
         return {pathlib.Path(row["input"]).name: row for row in csv.DictReader(stream)}
@@ -73,7 +68,9 @@ def test_a_result_that_was_changed_is_made_again(tmp_path):
 def test_a_broken_input_costs_only_itself(inputs, tmp_path):
     os.mkfifo(inputs / "pipe.csv")  # which nobody writes to
     out = tmp_path / "out"
-    run = estimate(inputs, "--object", NAME, "--grid", 5, 5, "--out", out, "--jobs", 2, "--useful-radius", 1, "--json")
+    run = pushfric(
+        "estimate", inputs, "--object", NAME, "--grid", 5, 5, "--out", out, "--jobs", 2, "--useful-radius", 1, "--json"
+    )
     assert run.returncode == 1, run.stderr
     told = json.loads(run.stdout)
     assert {name: told[name] for name in ("inputs", "usable", "not_usable", "broken")} == {
@@ -102,9 +99,7 @@ def test_the_numbers_are_those_of_a_single_estimate(inputs, tmp_path):
 
 def test_a_bag_that_does_not_add_up_is_not_usable(tmp_path):
     recording = Recording(BAG)
-    begin, end = recording.span_of(5)
-    kept = [one for one in recording.messages if not begin <= one.log_time_ns <= end]
-    recording.write_elsewhere(tmp_path / "bag", kept)
+    recording.write_elsewhere(tmp_path / "bag", recording.without_push(5))
     for how, code in (([], 1), (["--partial"], 0)):
         run = invoked("estimate", BAG, tmp_path / "bag", "--out", tmp_path / "out", "--jobs", 1, "--json", *how)
         counts = json.loads(run.stdout)
@@ -180,7 +175,7 @@ def test_bags_in_a_folder_are_estimated_on_a_cluster(tmp_path):
         shutil.copytree(BAG, tmp_path / "bags" / name)
     (tmp_path / "dask").mkdir()
     with local_cluster(tmp_path / "dask") as address:
-        run = estimate(tmp_path / "bags", "--out", tmp_path / "out", "--dask", address)
+        run = pushfric("estimate", tmp_path / "bags", "--out", tmp_path / "out", "--dask", address)
     assert run.returncode == 0, run.stderr
     rows = table_of(tmp_path / "out")
     single = json.loads(invoked("estimate", BAG, "--json").stdout)

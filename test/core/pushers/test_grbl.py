@@ -100,6 +100,12 @@ def drive(pusher: SerialPusher, until: Callable[[], object], peer: Peer, ask: bo
     return reports
 
 
+def rest(pusher: SerialPusher, peer: Peer, status: str | None = None) -> None:
+    """Poll until the pusher rests; from now on, the controller reports the status, if one is given."""
+    peer.status = peer.status if status is None else status
+    drive(pusher, lambda: not pusher.busy, peer)
+
+
 def fail(pusher: SerialPusher, error: type[Exception], text: str, peer: Peer) -> None:
     """Poll until an error is raised, and expect it to be this one."""
     with pytest.raises(error, match=text):
@@ -109,7 +115,7 @@ def fail(pusher: SerialPusher, error: type[Exception], text: str, peer: Peer) ->
 def fail_and_rest(pusher: SerialPusher, error: type[Exception], text: str, peer: Peer) -> None:
     """The same, and poll on until the pusher rests."""
     fail(pusher, error, text, peer)
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer)
 
 
 def report_now(pusher: SerialPusher, peer: Peer, stamp: int = 5) -> PusherReport:
@@ -123,12 +129,28 @@ def driver(port: str, home: bool = False, only_look: bool = False, **settings) -
     return SerialPusher(GrblConfig(port, **settings), home, only_look)
 
 
-def connect(peer: Peer, greet: str = GREETING, **kwargs) -> SerialPusher:
+def greet(pusher: SerialPusher, peer: Peer, greeting: str = GREETING) -> None:
+    """Connect a driver to a controller that greets it."""
+    pusher.connect()
+    peer.say(greeting)
+    rest(pusher, peer)
+
+
+def connect(peer: Peer, greeting: str = GREETING, **kwargs) -> SerialPusher:
     """A driver connected to a scripted controller."""
     pusher = driver(peer.port, connect_timeout=1.0, **PATIENT | kwargs)
-    pusher.connect()
-    peer.say(greet)
-    drive(pusher, lambda: not pusher.busy, peer)
+    greet(pusher, peer, greeting)
+    return pusher
+
+
+def homing(peer: Peer) -> SerialPusher:
+    """A driver that was told to recover, and homes."""
+    peer.replies[b"$H"] = ""
+    pusher = connect(peer, home=True)
+    assert peer.heard == ASKED  # a connection does not move
+    peer.heard = b""
+    pusher.recover()
+    drive(pusher, lambda: pusher.mode is Mode.HOMING and b"$H\n" in peer.heard, peer)
     return pusher
 
 
@@ -241,7 +263,7 @@ def test_noise_at_boot_is_ignored(peer):
 
 
 def test_a_controller_that_runs_already_is_asked_and_not_reset(peer):
-    pusher = connect(peer, greet="")
+    pusher = connect(peer, "")
     assert peer.heard == ASKED
     assert pusher.mode is Mode.IDLE
     assert pusher.doubt is None
@@ -253,8 +275,7 @@ def test_a_controller_deaf_to_questions_is_held_and_reset_and_not_believed(peer)
     pusher = driver(peer.port, connect_timeout=0.1)
     pusher.connect()
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
-    peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>")
     assert peer.heard == b"!\x85\x18" + ASKED
     assert pusher.mode is Mode.ALARM
     assert pusher.doubt == "it answered only after a reset"
@@ -307,21 +328,14 @@ def test_an_alarm_found_on_connecting_stays_until_a_person_says_otherwise(peer):
     assert pusher.mode is Mode.ALARM
     pusher.recover()
     drive(pusher, lambda: b"$X" in peer.heard, peer)
-    peer.status = IDLE
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, IDLE)
     assert pusher.mode is Mode.IDLE
 
 
 def test_home_is_where_the_stroke_begins(peer):
-    peer.replies[b"$H"] = ""
-    pusher = connect(peer, home=True)
-    assert peer.heard == ASKED  # a connection does not move
-    peer.heard = b""
-    pusher.recover()
-    drive(pusher, lambda: pusher.mode is Mode.HOMING and b"$H\n" in peer.heard, peer)
-    peer.status = "<Idle|MPos:-199.000,0.000,0.000|FS:0,0>"
+    pusher = homing(peer)
     peer.say("ok\r\n")
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Idle|MPos:-199.000,0.000,0.000|FS:0,0>")
     assert peer.heard == b"\x18" + ASKED_AGAIN + b"$H\n"
     assert report_now(pusher, peer).position == pytest.approx(0.0)
     begin_move(pusher, peer, 0.001)
@@ -329,10 +343,7 @@ def test_home_is_where_the_stroke_begins(peer):
 
 
 def test_homing_that_fails_is_an_alarm_until_the_next_attempt(peer):
-    peer.replies[b"$H"] = ""
-    pusher = connect(peer, home=True)
-    pusher.recover()
-    drive(pusher, lambda: b"$H\n" in peer.heard, peer)
+    pusher = homing(peer)
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"
     peer.say("ALARM:8\r\n")
     fail_and_rest(pusher, Halted, "ALARM:8 Homing fail", peer)
@@ -340,14 +351,10 @@ def test_homing_that_fails_is_an_alarm_until_the_next_attempt(peer):
 
 
 def test_homing_is_stopped_by_a_reset(peer):
-    peer.replies[b"$H"] = ""
-    pusher = connect(peer, home=True)
-    pusher.recover()
-    drive(pusher, lambda: b"$H\n" in peer.heard, peer)
+    pusher = homing(peer)
     peer.heard, peer.on_reset = b"", "ALARM:6\r\n" + GREETING
-    peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>"
     pusher.stop()
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>")
     assert peer.heard == b"!\x85\x18" + ASKED_AGAIN
     assert pusher.mode is Mode.ALARM
 
@@ -358,8 +365,7 @@ def test_a_move_is_a_jog_that_trusts_no_modal_state_and_no_override(peer):
     assert pusher.busy
     peer.status = "<Jog|MPos:0.700,0.000,0.000|FS:1200,0|Ov:200,100,100>"
     drive(pusher, lambda: peer.heard == JOG + b"\x90", peer)
-    peer.status = "<Idle|MPos:1.500,0.000,0.000|FS:0,0|Ov:100,100,100>"
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Idle|MPos:1.500,0.000,0.000|FS:0,0|Ov:100,100,100>")
     assert report_now(pusher, peer) == (pytest.approx(0.0015), 0.0, Mode.IDLE, 5)
 
 
@@ -373,8 +379,7 @@ def test_a_piece_that_came_too_late_to_be_a_jog_is_sent_again(peer):
     del peer.replies[JOG[1:-1]]
     peer.status = IDLE
     drive(pusher, lambda: peer.heard == JOG + JOG[1:], peer)
-    peer.status = "<Idle|MPos:1.500,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Idle|MPos:1.500,0.000,0.000|FS:0,0>")
 
 
 def test_an_axis_that_runs_backwards(peer):
@@ -445,8 +450,7 @@ def test_idle_right_after_ok_does_not_mean_arrival(peer):
     seen = pusher.axis.statuses
     drive(pusher, lambda: pusher.axis.statuses >= seen + 5, peer)
     assert pusher.busy
-    peer.status = "<Idle|MPos:1.504,0.000,0.000|FS:0,0>"  # within a motor step
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Idle|MPos:1.504,0.000,0.000|FS:0,0>")  # within a motor step
 
 
 def test_a_pusher_that_comes_to_rest_elsewhere(peer):
@@ -486,12 +490,11 @@ def test_what_the_controller_does_by_itself_ends_a_stroke_for_good(peer, status,
     peer.heard, peer.status = b"", status
     fail(pusher, Held, f"held at the controller: {why}", peer)
     assert b"$J" not in peer.heard
-    peer.status = "<Idle|MPos:0.610,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Idle|MPos:0.610,0.000,0.000|FS:0,0>")
     refuses(pusher)
     assert pusher.doubt == f"held at the controller: {why}"
     pusher.recover()
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer)
     assert pusher.doubt is None
 
 
@@ -519,9 +522,8 @@ def test_a_jog_that_stands_still_is_held(peer):
     """On grblHAL, a door that opens at the end of a jog leaves the state Jog, for ever."""
     pusher = under_way(peer, silence=1.0)
     fail_and_rest(pusher, Held, "the pusher stands still at 0.0005 m", peer)
-    peer.status = IDLE.replace("0.000", "0.500", 1)
     pusher.recover()
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, IDLE.replace("0.000", "0.500", 1))
     begin_move(pusher, peer)
     peer.say("[MSG:Check Door]\r\n")
     fail(pusher, Held, 'held at the controller: it says "Check Door"', peer)
@@ -537,7 +539,7 @@ def test_a_controller_that_is_held_at_rest_asks_a_person(peer):
     drive(pusher, lambda: pusher.axis.status.pins == "", peer)
     refuses(pusher)
     pusher.recover()
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer)
     assert pusher.doubt is None
 
 
@@ -556,9 +558,7 @@ def test_a_restart_at_rest_is_a_doubt_of_the_next_connection(peer):
     pusher = connect(peer)
     peer.say(GREETING)
     fail(pusher, NotConnected, "restarted", peer)
-    pusher.connect()
-    peer.say(GREETING)
-    drive(pusher, lambda: not pusher.busy, peer)
+    greet(pusher, peer)
     assert pusher.doubt == "the controller restarted by itself: its reset input, or its supply"
     refuses(pusher)
 
@@ -585,8 +585,7 @@ def test_a_stop_is_a_feed_hold_then_at_rest_a_reset(peer):
     assert peer.heard.replace(b"!\x85", b"") == b""
     peer.status = "<Hold:0|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
-    peer.status = "<Idle|MPos:0.610,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Idle|MPos:0.610,0.000,0.000|FS:0,0>")
     assert peer.heard.replace(b"!\x85", b"") == b"\x18" + ASKED_AGAIN
     assert pusher.mode is Mode.IDLE
 
@@ -596,8 +595,7 @@ def test_a_door_that_opens_during_a_stop_asks_a_person(peer):
     pusher.stop()
     peer.status = "<Door:0|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
-    peer.status = "<Idle|MPos:0.610,0.000,0.000|FS:0,0>"
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Idle|MPos:0.610,0.000,0.000|FS:0,0>")
     assert pusher.doubt == "held at the controller: it reports Door"
 
 
@@ -646,8 +644,7 @@ def test_after_a_limit_the_controller_accepts_only_a_reset(peer):
     peer.say("ALARM:1\r\n[MSG:Reset to continue]\r\n")
     fail(pusher, Halted, "ALARM:1 Hard limit", peer)
     drive(pusher, lambda: peer.heard == b"!\x85\x18", peer)
-    peer.status = "<Alarm|MPos:0.600,0.000,0.000|FS:0,0|Pn:X>"
-    drive(pusher, lambda: not pusher.busy, peer)
+    rest(pusher, peer, "<Alarm|MPos:0.600,0.000,0.000|FS:0,0|Pn:X>")
     assert pusher.mode is Mode.ALARM
 
 
@@ -657,8 +654,8 @@ def test_a_reset_that_was_dropped_is_sent_again(peer):
     peer.say("ALARM:2\r\n")
     fail(pusher, Halted, "ALARM:2 Soft limit", peer)
     drive(pusher, lambda: peer.heard == b"!\x85\x18", peer)
-    peer.status, peer.on_reset = "<Alarm|MPos:0.600,0.000,0.000|FS:0,0>", GREETING
-    drive(pusher, lambda: not pusher.busy, peer)
+    peer.on_reset = GREETING
+    rest(pusher, peer, "<Alarm|MPos:0.600,0.000,0.000|FS:0,0>")
     assert peer.heard == b"!\x85\x18\x18" + ASKED_AGAIN
     assert pusher.mode is Mode.ALARM
 
@@ -724,9 +721,7 @@ def test_reconnecting_neither_moves_nor_homes(peer):
     pusher.close()
     peer.heard = b""
     peer.status = "<Alarm|MPos:0.000,0.000,0.000|FS:0,0|WCO:0.000,0.000,0.000>"
-    pusher.connect()
-    peer.say(GREETING)
-    drive(pusher, lambda: not pusher.busy, peer)
+    greet(pusher, peer)
     assert peer.heard == ASKED
     assert pusher.mode is Mode.ALARM
     with pytest.raises(NotReady, match="the pusher's mode is alarm, expected idle"):

@@ -188,8 +188,7 @@ def test_any_jog_is_stopped_at_once(stage, what):
             assert stage.rest() < 0.032 + DEAD_MAN + LATE + SPEED * (noticing(heard) - USUAL)
             return
         begin = stage.controller.position()
-        pusher.stop()
-        stage.drive(pusher, lambda: not pusher.busy)
+        stage.carry_out(pusher, pusher.stop)
     assert stage.rest() - begin <= DEAD_MAN + LATE
 
 
@@ -265,34 +264,22 @@ def test_the_pieces_end_at_the_target_and_are_never_far_ahead(acceleration, star
 
 CHILD = """
 import sys, time
-from pushfric_core.pushers.driver import Phase
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.serial_config import GrblConfig
 pusher = SerialPusher(GrblConfig(sys.argv[1], silence=0.8))
-pusher.connect()
-while pusher.busy:
-    pusher.poll()
-    time.sleep(0.003)
-pusher.move_to(float(sys.argv[2]), float(sys.argv[3]))
-while pusher.busy:
-    pusher.poll()
-    time.sleep(0.003)
+for command in (pusher.connect, lambda: pusher.move_to(float(sys.argv[2]), float(sys.argv[3]))):
+    command()
+    while pusher.busy:
+        pusher.poll()
+        time.sleep(0.003)
 """
-
-
-@contextlib.contextmanager
-def host(stage: Stage, distance: float = FAR) -> Iterator[subprocess.Popen]:
-    """Another process that drives the pusher."""
-    process = subprocess.Popen([sys.executable, "-c", CHILD, stage.line.port, str(distance), str(SPEED)])
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+"""Another process that drives the pusher."""
 
 
 def test_a_host_that_is_stopped_leaves_a_pusher_that_rests(stage):
-    with host(stage) as process:
+    command = [sys.executable, "-c", CHILD, stage.line.port, str(FAR), str(SPEED)]
+    with subprocess.Popen(command) as process, contextlib.ExitStack() as end:
+        end.callback(process.kill)
         wait_until(lambda: stage.controller.position() > 0.01)
         process.send_signal(signal.SIGSTOP)
         begin = stage.controller.position()
@@ -360,8 +347,7 @@ def test_a_controller_found_moving_is_asked_held_and_not_believed(stage, line):
     assert stage.controller._state == "Idle"  # and what was held does not go on
     stage.line.tell_controller(b"~")
     assert stage.rest() == rest
-    pusher.recover()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.recover)
     assert pusher.doubt is None
 
 
@@ -476,13 +462,8 @@ def test_two_reports_that_agree_move_no_pusher_that_rests(stage):
     stage.push(pusher, 0.01)
     false = b"<Idle|MPos:8.000,0.000,0.000|FS:0,0>\r\n"
     stage.line.to_host = lambda data: false if b"MPos" in data else data
-
-    def asked_for_ever() -> bool:
-        pusher.ask(0)
-        return False
-
     with pytest.raises(Jumped, match=r"it was at 0\.0100 m and then, at once, at 0\.0080 m"):
-        stage.drive(pusher, asked_for_ever)
+        stage.drive(pusher, lambda: pusher.ask(0))  # for ever
     assert pusher.doubt is not None
 
 
@@ -496,21 +477,15 @@ def test_another_axis_that_moves_is_a_fault_at_once(stage, axis, letter, moving)
     if not moving:
         pusher.ask(0)
     places = rf"axis {letter} went from 0\.000 mm to \d+\.\d{{3}} mm; only X may move"
-
-    def asked() -> bool:
-        pusher.ask(0)
-        return False
-
     with pytest.raises(LeftTheWay, match=places):
-        stage.drive(pusher, asked)
+        stage.drive(pusher, lambda: pusher.ask(0))  # for ever
     stage.drive(pusher, lambda: not pusher.busy)
     assert stage.rest() < 0.03
     assert pusher.doubt is not None
     with pytest.raises(NotReady, match="is not known until it is recovered: axis"):
         pusher.move_to(0.01, SPEED)
     stage.line.heal()
-    pusher.recover()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.recover)
     stage.push(pusher, 0.01)
 
 
@@ -542,8 +517,7 @@ def test_a_shift_that_a_reset_ends_is_a_doubt(stage, parts):
     pusher = stage.driver()
     assert pusher.axis.last.position == -0.004
     stage.line.heal()
-    pusher.stop()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.stop)
     assert pusher.doubt == "a reset changed its work offset from (4.000, 0.000, 0.000) mm to (0.000, 0.000, 0.000) mm"
 
 
@@ -725,12 +699,10 @@ def test_the_bytes_that_are_ever_sent(stage):
     """No setting is changed, and nothing but a jog moves; see docs/hardware.md."""
     sent = stage.listen()
     pusher = under_way(stage, 0.03)
-    pusher.stop()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.stop)
     stage.controller.hit_limit()
     stage.fails(pusher, PusherError, "ALARM:1")
-    pusher.recover()
-    stage.drive(pusher, lambda: not pusher.busy)
+    stage.carry_out(pusher, pusher.recover)
     stage.push(pusher, 0.0)
     pusher.close()
     lines = bytes(sent).translate(None, b"?!\x85\x18\x90").split(b"\n")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from programs import group, highs, pushes, solved_while_rows_come_and_go
+from programs import filled, group, highs, pushes, solved_while_rows_come_and_go
 from scipy.optimize import minimize, nnls
 
 from pushfric_core.program.constraints import ConstraintRows, stack
@@ -18,7 +18,6 @@ from pushfric_core.solvers.simplex import Simplex
 SEEDS = st.integers(0, 2**32 - 1)
 QUICK = settings(derandomize=True, deadline=None, max_examples=15)
 LeastSquares = partial(OsqpProgram, loss=Loss.L2)
-PROGRAMS = pytest.mark.parametrize("program", [OsqpProgram, LeastSquares])
 EVERY_PROGRAM = pytest.mark.parametrize("program", [Simplex, OsqpProgram, LeastSquares])
 
 
@@ -90,30 +89,23 @@ def test_without_rows_any_weights_are_optimal(program):
 
 @EVERY_PROGRAM
 def test_a_hard_row_holds_whatever_it_costs(program):
-    hard = program(2)
-    hard.add(group([1, 0], above=1e6))
-    hard.add(group([2, -1], above=0, below=np.inf))
-    optimum = hard.solve()
+    optimum = filled(program(2), group([1, 0], above=1e6), group([2, -1], above=0, below=np.inf)).solve()
     np.testing.assert_allclose(optimum.w, (1 / 3, 2 / 3), atol=1e-8)
 
 
 @EVERY_PROGRAM
 def test_equalities_hold(program):
-    balanced = program(3)
-    balanced.add(group([1, 0, 0]))
-    balanced.add(group([[1, -1, 0], [2, -2, 0], [0, 0, 0], [1, 1, -1]], above=np.inf, below=np.inf))
-    optimum = balanced.solve()
-    np.testing.assert_allclose(optimum.w, (0.25, 0.25, 0.5), atol=1e-8)
+    equalities = group([[1, -1, 0], [2, -2, 0], [0, 0, 0], [1, 1, -1]], above=np.inf, below=np.inf)
+    balanced = filled(program(3), group([1, 0, 0]), equalities)
+    np.testing.assert_allclose(balanced.solve().w, (0.25, 0.25, 0.5), atol=1e-8)
     assert balanced.conflicts() == []
 
 
-@PROGRAMS
+@EVERY_PROGRAM
 def test_contradicting_groups_are_named_and_removing_one_helps(program):
     # w0 >= 3 w1, and w0 <= 2 w1
-    contradictory = program(2)
-    contradictory.add(group([1, -3], above=0, below=np.inf))
-    contradictory.add(group([0.1, -1]))
-    contradictory.add(group([1, -2], above=np.inf, below=0))
+    hard = group([1, -3], above=0, below=np.inf), group([1, -2], above=np.inf, below=0)
+    contradictory = filled(program(2), hard[0], group([0.1, -1]), hard[1])
     optimum = contradictory.solve()
     assert optimum.status is Status.INFEASIBLE
     assert contradictory.conflicts() == [0, 2]
@@ -128,7 +120,7 @@ def test_contradicting_groups_are_named_and_removing_one_helps(program):
     np.testing.assert_allclose(optimum.w, (10 / 11, 1 / 11), atol=1e-3)
 
 
-@PROGRAMS
+@pytest.mark.parametrize("program", [OsqpProgram, LeastSquares])
 def test_bad_arguments_are_refused(program):
     three = program(3)
     with pytest.raises(ValueError, match=r"rows must have shapes \(m, 3\), \(m,\), \(m,\), got \(1, 2\), \(1,\), \(1,\)"):
@@ -144,8 +136,7 @@ def test_bad_arguments_are_refused(program):
 def test_only_a_present_group_can_be_removed(program):
     with pytest.raises(ValueError, match="n must be at least 1, got 0"):
         program(0)
-    three = program(3)
-    three.add(group([1, 2, 3]))
+    three = filled(program(3), group([1, 2, 3]))
     three.remove(0)
     for gone in range(2):
         with pytest.raises(ValueError, match=f"there is no group {gone} to remove"):
@@ -157,10 +148,7 @@ def test_only_a_present_group_can_be_removed(program):
 
 def test_a_linear_program_by_hand():
     # |w0 - w1| + |w0 - 3 w1| with w0 = 1 - w1: 0.5 at w1 = 1/4
-    program = OsqpProgram(2)
-    program.add(group([1, -1]))
-    program.add(group([1, -3]))
-    optimum = program.solve()
+    optimum = filled(OsqpProgram(2), group([1, -1]), group([1, -3])).solve()
     np.testing.assert_allclose(optimum.w, (0.75, 0.25), atol=1e-3)
     assert optimum.objective == pytest.approx(0.5, rel=1e-3)
     assert optimum.lower_bound == pytest.approx(0.5, rel=1e-3)
@@ -198,10 +186,7 @@ def test_reserve_columns_are_used_and_freed(rng):
 
 def test_least_squares_by_hand():
     # (w0 - w1)^2 + 4 (w0 - 3 w1)^2 with w0 = 1 - w1: the slope in w1 is 2 (-2) (1 - 2 w1) + 8 (-4) (1 - 4 w1)
-    program = LeastSquares(2)
-    program.add(group([1, -1]))
-    program.add(group([1, -3], 4, 4))
-    optimum = program.solve()
+    optimum = filled(LeastSquares(2), group([1, -1]), group([1, -3], 4, 4)).solve()
     w1 = 36 / 136
     np.testing.assert_allclose(optimum.w, (1 - w1, w1), rtol=1e-12)
     assert optimum.objective == pytest.approx((1 - 2 * w1) ** 2 + 4 * (1 - 4 * w1) ** 2)
@@ -210,16 +195,13 @@ def test_least_squares_by_hand():
 
 def test_a_one_sided_row_costs_nothing_on_its_other_side():
     # 5 max(0, 1 - 3 w0)^2 + w0^2: the slope is -30 (1 - 3 w0) + 2 w0
-    program = LeastSquares(2)
-    program.add(group([[2, -1], [1, 0]], above=(0, 1), below=(5, 0)))
+    program = filled(LeastSquares(2), group([[2, -1], [1, 0]], above=(0, 1), below=(5, 0)))
     np.testing.assert_allclose(program.solve().w, (15 / 46, 31 / 46))
 
 
 def test_unconstrained_least_squares_would_be_negative():
     # w0 + w1 - w2 = 1 - 2 w2 and w0 - w1 + 2 w2 ask for (-0.25, 0.75, 0.5); without negative w the second cannot be zero
-    program = LeastSquares(3)
-    program.add(group([[1, 1, -1], [4, 1, 0.5]]))
-    optimum = program.solve()
+    optimum = filled(LeastSquares(3), group([[1, 1, -1], [4, 1, 0.5]])).solve()
     # with w1 = 1 - w2: (1 - 2 w2)^2 + (1 - w2 / 2)^2
     np.testing.assert_allclose(optimum.w, (0, 1 - 5 / 8.5, 5 / 8.5), atol=1e-9)
 
@@ -271,8 +253,7 @@ def test_least_squares_of_thousands_of_rows_do_not_drift(rng):
         if k % 40 == 0:
             optimum = program.solve()
             assert optimum.status is Status.OPTIMAL
-    fresh = LeastSquares(10)
-    fresh.add(stack(groups, 10))
+    fresh = filled(LeastSquares(10), stack(groups, 10))
     assert program.solve().objective == pytest.approx(fresh.solve().objective, rel=1e-9)
 
 
@@ -280,8 +261,7 @@ def test_least_squares_of_thousands_of_rows_do_not_drift(rng):
 
 
 def optimum_of(rows):
-    simplex = Simplex(rows.a.shape[1])
-    simplex.add(rows)
+    simplex = filled(Simplex(rows.a.shape[1]), rows)
     assert simplex.solve().status is Status.OPTIMAL
     return simplex.certificate()
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from calls import printed
 from printed import black_rings, picture, rasterised
+from videos import save_video
 
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import rotation
@@ -126,12 +127,8 @@ def test_from_pictures_to_a_file(tmp_path, flat, pictures):
 
 
 def test_only_views_at_rest_are_taken_from_a_video(tmp_path, pictures):
-    video = cv2.VideoWriter(str(tmp_path / "views.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 200, (640, 480), False)
-    video.set(cv2.VIDEOWRITER_PROP_QUALITY, 100)
-    for number, frame in enumerate(pictures):
-        for _ in range(1 if number == 3 else 2):
-            video.write(frame)
-    video.release()
+    frames = [frame for number, frame in enumerate(pictures) for _ in range(1 if number == 3 else 2)]
+    save_video(tmp_path / "views.avi", frames, rate=200)
     with pytest.raises(InvalidInput, match=r"views\.avi: too few different views of the board: expected at least 8, got 7"):
         lens_from_frames(DeviceFrames(str(tmp_path / "views.avi")), BOARD, lambda line: None)
 

@@ -53,8 +53,7 @@ def kind(request):
 @contextlib.contextmanager
 def connected(kind=TwistConfig, stage=STAGE, **settings):
     with contextlib.closing(kind(**{**POSES, "silence": PATIENT, **settings}).open_pusher(stage)) as pusher:
-        pusher.connect()
-        until(pusher, lambda _: not pusher.busy)
+        carry_out(pusher, pusher.connect)
         yield pusher
 
 
@@ -68,6 +67,18 @@ def until(pusher, condition):
             reports.append(report)
         time.sleep(0.002)
     return reports
+
+
+def carry_out(pusher, command):
+    """Give a command, poll until the pusher rests, and return the reports."""
+    command()
+    return until(pusher, lambda _: not pusher.busy)
+
+
+def fails(pusher, error, text):
+    """Poll until an error is raised, and expect it to be this one."""
+    with pytest.raises(error, match=text):
+        until(pusher, lambda _: False)
 
 
 def start_a_stroke(pusher):
@@ -108,8 +119,7 @@ def test_a_stroke_ends_where_it_was_sent_and_stays_on_its_line(ros, device, kind
         assert reports[-1].position == pytest.approx(0.03, abs=1e-4)
         assert (reports[-1].mode, reports[-1].speed) == (Mode.IDLE, 0.0)
         assert np.all(np.diff([report.stamp for report in reports]) > 0)
-        pusher.move_to(0.0, 0.05)
-        until(pusher, lambda _: not pusher.busy)
+        carry_out(pusher, lambda: pusher.move_to(0.0, 0.05))
         assert at_rest(ros, device) == pytest.approx((0.0, 0.0, height), abs=2e-4)
 
 
@@ -119,8 +129,7 @@ def test_a_line_anywhere_on_the_table(ros, device):
     with connected(stage=stage) as pusher:
         begin = until(pusher, lambda _: True)[-1].position
         assert begin == pytest.approx(math.sqrt(0.02**2 + 0.01**2), abs=1e-4)
-        pusher.move_to(begin + 0.02, 0.05)
-        until(pusher, lambda _: not pusher.busy)
+        carry_out(pusher, lambda: pusher.move_to(begin + 0.02, 0.05))
         assert at_rest(ros, device)[:2] == pytest.approx(0.02 * np.array((2, -1)) / math.sqrt(5), abs=2e-4)
 
 
@@ -128,8 +137,7 @@ def test_a_stop_ends_the_motion(ros, device, kind):
     with connected(kind) as pusher:
         pusher.move_to(0.05, 0.02)
         until(pusher, lambda report: report.position > 0.01)
-        pusher.stop()
-        until(pusher, lambda _: not pusher.busy)
+        carry_out(pusher, pusher.stop)
         assert 0.01 < at_rest(ros, device)[1] < 0.03
         assert (pusher.mode, pusher.doubt) == (Mode.IDLE, None)
 
@@ -150,15 +158,12 @@ def test_an_arm_that_is_not_seen_is_stopped(ros, device):
         start_a_stroke(pusher)
         device._count = -(10**9) * example.POSES + 1  # no more poses
         device._publish = lambda *_: None
-        with pytest.raises(Timeout, match=r"no report of /base_link/tool0 for 0\.\d\d s in mid-stroke"):
-            until(pusher, lambda _: False)
-        with pytest.raises(NotConnected, match=r"no report of /base_link/tool0 for 1\.\d s, the limit is 1 s"):
-            until(pusher, lambda _: False)
+        fails(pusher, Timeout, r"no report of /base_link/tool0 for 0\.\d\d s in mid-stroke")
+        fails(pusher, NotConnected, r"no report of /base_link/tool0 for 1\.\d s, the limit is 1 s")
         assert (pusher.mode, pusher.busy) == (Mode.DISCONNECTED, False)
         at_rest(ros, device)
         del device._publish
-        pusher.connect()
-        assert until(pusher, lambda _: not pusher.busy)[-1].mode is Mode.IDLE
+        assert carry_out(pusher, pusher.connect)[-1].mode is Mode.IDLE
         assert pusher.doubt is None
 
 
@@ -188,8 +193,7 @@ def test_a_pose_that_is_none_ends_the_motion(ros, device):
         nowhere = PoseStamped()
         nowhere.pose.position.x = math.nan
         device._pose_out.publish(nowhere)
-        with pytest.raises(NotConnected, match="no pose of the arm: "):
-            until(pusher, lambda _: False)
+        fails(pusher, NotConnected, "no pose of the arm: ")
         assert (pusher.mode, pusher.busy) == (Mode.DISCONNECTED, False)
         assert at_rest(ros, device)[1] < 0.03
 
@@ -200,15 +204,12 @@ def test_a_tip_that_is_pushed_off_its_line_needs_a_person(ros, device):
         before = device.joints.copy()
         aside = example.backward(example.forward(before)[0] + (0.0, 0.0, 0.004), example.DOWN, before)
         device.joints = aside  # 4 mm higher
-        with pytest.raises(LeftTheWay, match=r"the tip is \d\.\d mm beside its line"):
-            until(pusher, lambda _: False)
+        fails(pusher, LeftTheWay, r"the tip is \d\.\d mm beside its line")
         until(pusher, lambda _: not pusher.busy)
         with pytest.raises(NotReady, match="beside its line"):
             pusher.move_to(0.05, 0.01)
-        pusher.recover()
-        until(pusher, lambda _: not pusher.busy)
-        pusher.move_to(0.02, 0.05)
-        until(pusher, lambda _: not pusher.busy)
+        carry_out(pusher, pusher.recover)
+        carry_out(pusher, lambda: pusher.move_to(0.02, 0.05))
         assert at_rest(ros, device)[1] == pytest.approx(0.02, abs=2e-4)
 
 
@@ -241,8 +242,7 @@ def test_after_a_suspension_a_person_is_asked(ros, device, monkeypatch):
         start_a_stroke(pusher)
         slept = suspended() + 4.0
         monkeypatch.setattr("pushfric_core.pushers.clock.suspended", lambda: slept)
-        with pytest.raises(Suspended, match=r"this computer was suspended for 4\.\d s"):
-            until(pusher, lambda _: False)
+        fails(pusher, Suspended, r"this computer was suspended for 4\.\d s")
         until(pusher, lambda _: not pusher.busy)
         with pytest.raises(NotReady, match="suspended"):
             pusher.move_to(0.05, 0.01)
@@ -253,8 +253,7 @@ def test_without_an_arm_there_is_one_line(ros, monkeypatch):
     pusher = TwistConfig(**POSES).open_pusher(STAGE)
     for what in ("nobody listens to /servo_node/delta_twist_cmds", "no pose of /base_link/tool0"):
         pusher.connect()
-        with pytest.raises(NotConnected, match=f"{what}; expected within 0.3 s"):
-            until(pusher, lambda _: False)
+        fails(pusher, NotConnected, f"{what}; expected within 0.3 s")
         ros.node("servo").create_subscription(TwistStamped, "/servo_node/delta_twist_cmds", lambda _: None, 10)
     pusher.close()
 
@@ -267,8 +266,7 @@ def test_a_trajectory_needs_the_joints_and_their_urdf(ros, monkeypatch):
 
     def lacks(what):
         pusher.connect()
-        with pytest.raises(NotConnected, match=f"{what}; expected within 0.3 s"):
-            until(pusher, lambda _: False)
+        fails(pusher, NotConnected, f"{what}; expected within 0.3 s")
 
     lacks("nobody listens to /joint_trajectory_controller/joint_trajectory")
     node.create_subscription(JointTrajectory, "/joint_trajectory_controller/joint_trajectory", lambda _: None, 10)
@@ -330,8 +328,7 @@ def test_settings_that_do_not_fit_are_refused(settings, stage, error):
 def test_the_tip_is_found_on_tf(ros, device):
     pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not installed")
     with connected(source="transforms", frame="tool0", reference="base_link") as pusher:
-        pusher.move_to(0.02, 0.05)
-        assert until(pusher, lambda _: not pusher.busy)[-1].position == pytest.approx(0.02, abs=1e-4)
+        assert carry_out(pusher, lambda: pusher.move_to(0.02, 0.05))[-1].position == pytest.approx(0.02, abs=1e-4)
 
 
 def test_a_missing_type_of_message_is_one_line():

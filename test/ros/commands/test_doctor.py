@@ -7,11 +7,11 @@ import shutil
 import tempfile
 import time
 
-import cv2
 import numpy as np
 import pytest
 import yaml
 from sensor_msgs.msg import Image
+from videos import save_video
 
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig
 from pushfric_core.commands import dependencies
@@ -69,17 +69,10 @@ def pusher(**changes) -> PusherConfig:
     return PusherConfig(**{**values, **changes})
 
 
-def video(path, frames, rate=30):
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), rate, frames[0].shape[::-1], isColor=False)
-    for frame in frames:
-        writer.write(frame)
-    writer.release()
-
-
 def cell_file(folder, port, **pushers):
     """A cell of a camera whose pictures come from a video file."""
     simulation = SimulatedCamera(SHARP, load_object(NAME).outline.vertices, 0.0, np.random.default_rng(0))
-    video(folder / "camera.avi", [simulation.render(Pose(0.02, 0.05, 0.3)) for _ in range(25)])
+    save_video(folder / "camera.avi", [simulation.render(Pose(0.02, 0.05, 0.3)) for _ in range(25)], rate=30)
     save_camera(SHARP, folder / "camera.yaml")
     entry = plain(pusher(**pushers)) | {"port": str(port)}
     content = {

@@ -23,6 +23,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.action import ActionClient
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
+from stage import STAGE
 from std_msgs.msg import Bool, Empty, String
 from std_srvs.srv import Trigger
 
@@ -46,16 +47,13 @@ MISSED = (
 UNKNOWN = "where the pusher stands is not known: "
 UNHOMED = UNKNOWN + "see that it is free to move, then reset, which homes"
 UNVOUCHED = UNKNOWN + "bring it to its home end, restart the controller, then reset"
-LINE = {
+LINE = STAGE | {
     "line_origin": [0.1, -0.2],
     "line_direction": [0.0, 2.0],
     "tip_radius": 0.004,
     "stroke": 0.08,
     "max_speed": 0.08,
-    "silence": 5.0,
-    "owner_timeout": 5.0,
-    "memory": "",
-}  # for a busy machine
+}
 
 
 @pytest.fixture

@@ -323,11 +323,6 @@ def as_it_came(messages, afresh=False):
     return ledger
 
 
-def without_a_push(recording):
-    begin, end = recording.span_of(5)
-    return [one for one in recording.messages if not begin <= one.log_time_ns <= end]
-
-
 def without_the_first_pushes(recording, without=""):
     begin = recording.span_of(2)[1] + 10**9
     return [one for one in recording.messages if one.log_time_ns > begin and one.topic.rpartition("/")[2] != without]
@@ -348,7 +343,10 @@ def without_the_poses_of_a_push(recording):
     ("damage", "codes"),
     [
         (lambda recording: recording.messages, set()),
-        (without_a_push, {DoubtCode.PUSHES_MISSING, DoubtCode.NO_OBSERVATIONS, DoubtCode.BOTH_MISSING}),
+        (
+            lambda recording: recording.without_push(5),
+            {DoubtCode.PUSHES_MISSING, DoubtCode.NO_OBSERVATIONS, DoubtCode.BOTH_MISSING},
+        ),
         (without_the_first_pushes, {DoubtCode.PUSHES_MISSING}),
         (partial(without_the_first_pushes, without=PLAN), {DoubtCode.PUSHES_MISSING}),
         (with_another_clock, {DoubtCode.CLOCKS_STEP, DoubtCode.NO_OBSERVATIONS}),

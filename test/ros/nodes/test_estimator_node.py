@@ -48,14 +48,15 @@ def estimator_of_observations(ros, **parameters):
 
 
 def estimator_of_samples(ros, **parameters):
-    """A node next to a running estimator, a function that sends it messages, and the observations that it makes of them."""
+    """A node next to an estimator, a function that sends that one messages, and its observations and estimates from them."""
     node = ros.node("peer", namespace="/cell")
     ros.compose(made(EstimatorNode, object=NAME, **parameters))
     observations = ros.heard(node, Observation, "observation", RELIABLE)
+    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
     poses = ros.publisher(node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
     states = ros.publisher(node, PusherState, "pusher_state", RELIABLE)
-    ros.wait_for(lambda: node.count_publishers("observation"), what="the estimator")
-    return node, lambda msg: (states if isinstance(msg, PusherState) else poses).publish(msg), observations
+    ros.wait_for(lambda: all(map(node.count_publishers, ("observation", "friction_estimate"))), what="the estimator")
+    return node, lambda msg: (states if isinstance(msg, PusherState) else poses).publish(msg), observations, estimates
 
 
 def pose_msg(stamp, pose):
@@ -93,10 +94,8 @@ def push(push_id, start):
 
 
 def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
-    node, send, observations = estimator_of_samples(ros)
-    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
+    node, send, observations, estimates = estimator_of_samples(ros)
     progress = ros.heard(node, EstimatorProgress, "estimator_progress", LATCHED)
-    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     model = Estimator(load_object(NAME).support_points)
     for push_id in range(2):
         for msg in push(push_id, 10**18 + push_id * 10**10):
@@ -126,8 +125,7 @@ def test_every_data_point_gives_the_same_estimate_as_the_core(ros):
 def test_the_belief_comes_when_a_push_is_over(ros, monkeypatch):
     """However short the pause before the next one is."""
     monkeypatch.setattr("pushfric_ros.nodes.estimator.rest.QUIET", 1e6)
-    node, send, observations = estimator_of_samples(ros)
-    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
+    _, send, observations, estimates = estimator_of_samples(ros)
     for msg in push(0, 10**18):
         send(msg)
     ros.wait_for(lambda: len(observations) == len(estimates) == 4, what="the estimates of a push")
@@ -137,9 +135,8 @@ def test_the_belief_comes_when_a_push_is_over(ros, monkeypatch):
 
 
 def test_a_pause_within_a_push_is_told_in_the_diagnostics(ros):
-    node, send, observations = estimator_of_samples(ros)
+    node, send, observations, _ = estimator_of_samples(ros)
     reports = ros.heard(node, DiagnosticArray, "/diagnostics", RELIABLE)
-    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     for number, msg in enumerate(push(0, 10**18)):
         if number % 2 or number not in range(40, 52):  # six poses in a row did not come
             send(msg)
@@ -202,12 +199,10 @@ def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
 
 
 def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
-    node = ros.node("peer", namespace="/cell")
     given = {"region_margin": 0.01, "slipping_pushes": [0, 2], "exclude_pushes": [1]}
-    ros.compose(made(EstimatorNode, object=NAME, source="observations", **given))
+    node, out, _ = estimator_of_observations(ros, **given)
     regions = ros.heard(node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
     frictions = ros.heard(node, ContactFriction, "contact_friction", RELIABLE)
-    out = ros.publisher(node, Observation, "observation", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("contact_friction"), what="the estimator")
     core, half_planes = Estimator(load_object(NAME).support_points), HalfPlanes(TABLE_1[NAME].outline, 0.01)
     for observation in DATA[:4]:
@@ -232,10 +227,8 @@ def wrench_msg(stamp, force):
 
 
 def test_measured_forces_reach_the_estimate(ros):
-    node, send, observations = estimator_of_samples(ros, terms=["moment", "force"])
-    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
+    node, send, observations, estimates = estimator_of_samples(ros, terms=["moment", "force"])
     wrenches = ros.publisher(node, WrenchStamped, "wrench", RELIABLE)
-    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
     wrong = wrench_msg(10**18 - 1, (1.0, 0.0))
     wrong.header.frame_id = "sensor"
     wrenches.publish(wrong)  # refused, because it is in another frame

@@ -71,7 +71,7 @@ class Table:
         self._node = ros.node("table", namespace="/cell")  # spun from now on
         self._node.create_subscription(PoseStamped, "placement", self._on_placement, LATCHED)
         # every message counts here, not only the last one
-        self._node.create_subscription(PlanProgress, "plan_progress", self._on_progress, RELIABLE)
+        self._node.create_subscription(PlanProgress, "plan_progress", self.progress.append, RELIABLE)
         self._node.create_subscription(PusherState, "pusher_state", self._on_state, RELIABLE)
         self._pose_out = self._node.create_publisher(PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
         self._health_out = self._node.create_publisher(DiagnosticArray, "/diagnostics", RELIABLE)
@@ -109,9 +109,6 @@ class Table:
         if self.states and self.states[-1].push_id != PusherState.NO_PUSH:
             before = self._pushed[1]
             self.object = before._replace(y=before.y + max(0.0, self.states[-1].position - GAP))
-
-    def _on_progress(self, msg: PlanProgress) -> None:
-        self.progress.append(msg)
 
     def _show(self) -> None:
         status = [DiagnosticStatus(level=DiagnosticStatus.OK, name=name) for name in self.well]
@@ -154,6 +151,13 @@ class Table:
         assert ended.value.code == 0
         return last
 
+    def ends_with(self, ids: list[int], completed: int, aborted: int = 0, skipped: int = 0) -> PlanProgress:
+        """Wait for the end, and expect these pushes to have gone forward, and so many of each outcome."""
+        last = self.wait_for_end()
+        assert (last.completed, last.aborted, last.skipped) == (completed, aborted, skipped)
+        assert pushed(self.states) == ids
+        return last
+
     def call(self, service: str) -> bool:
         client = self._node.create_client(Trigger, service)
         self.ros.wait_for(client.service_is_ready, what=service)
@@ -177,10 +181,7 @@ def test_a_plan_is_carried_out(ros, controller, tmp_path):
     table = Table(ros, tmp_path)
     first = table.wait_for_message("push 1 of 3: place the object at")
     assert (first.phase, first.push_id, first.count) == (PlanProgress.PHASE_PLACING, 0, 3)
-    last = table.wait_for_end()
-    assert (last.completed, last.aborted) == (3, 0)
-    assert last.message == "3 of 3 pushes done"
-    assert pushed(table.states) == [0, 1, 2]
+    assert table.ends_with([0, 1, 2], completed=3).message == "3 of 3 pushes done"
     assert controller.position() == pytest.approx(0.0)
     # edge 0 of a rectangle about its origin faces -y: the object lies beyond the tip, its gap and the tip's radius
     assert table.wanted[0].theta == pytest.approx(0.0)
@@ -304,8 +305,7 @@ def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):
     table = Table(ros, tmp_path, start=3)
     table.wait_for_message("bringing the pusher back")
     assert not table.wanted
-    assert table.wait_for_end().completed == 1
-    assert pushed(table.states) == [2]
+    table.ends_with([2], completed=1)
     assert controller.position() == pytest.approx(0.0)
 
 
@@ -319,10 +319,7 @@ def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, 
     ros.wait_for(lambda: any(state.push_id == 1 and state.position > 0.002 for state in table.states), what="a stroke")
     assert table.call("experiment/skip")
     table.wait_for_message("bringing the pusher back")
-    last = table.wait_for_end()
-    assert (last.completed, last.aborted, last.skipped) == (1, 0, 2)
-    assert last.message == "1 of 3 pushes done, 2 skipped"
-    assert pushed(table.states) == [1, 2]
+    assert table.ends_with([1, 2], completed=1, skipped=2).message == "1 of 3 pushes done, 2 skipped"
     assert capfd.readouterr().err.count("a person skipped it") == 2
 
 
@@ -342,9 +339,7 @@ def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, co
     assert controller.position() > 0.005
     assert table.call("actuator/reset")
     table.choose("skip")
-    last = table.wait_for_end()
-    assert (last.completed, last.skipped) == (1, 1)
-    assert pushed(table.states) == [1, 2]
+    table.ends_with([1, 2], completed=1, skipped=1)
     if fault == "alarm":
         assert controller.position() == pytest.approx(0.0, abs=1e-4)
 
@@ -470,9 +465,7 @@ def test_a_stopped_push_is_repeated_under_a_number_of_its_own(ros, controller, t
     assert table.call("actuator/reset")
     table.choose("repeat")
     assert table.wait_for_message("push 1 (again) of 3: place the object at").push_id == 3
-    last = table.wait_for_end()
-    assert (last.completed, last.aborted, last.skipped, last.message) == (3, 0, 0, "3 of 3 pushes done")
-    assert pushed(table.states) == [0, 3, 1, 2]
+    assert table.ends_with([0, 3, 1, 2], completed=3).message == "3 of 3 pushes done"
     assert table.left_out == [0]
 
 
@@ -480,9 +473,7 @@ def test_a_push_that_a_pause_ended_is_repeated_without_a_person(ros, controller,
     table = Table(ros, tmp_path, speed=0.01)  # slow: on a busy machine an object that goes fast seems to leap
     ros.wait_for(lambda: any(state.push_id == 0 and state.position > 0.002 for state in table.states), 60.0, "a push")
     table.actuator._pusher._polled -= STAGE["silence"] + 0.5  # as if the process had stood still
-    last = table.wait_for_end()
-    assert (last.completed, last.aborted, last.skipped) == (3, 0, 0)
-    assert pushed(table.states) == [0, 3, 1, 2]
+    table.ends_with([0, 3, 1, 2], completed=3)
     assert "push 1 is repeated: the pusher rests where it should" in capfd.readouterr().err
 
 
@@ -499,9 +490,7 @@ def test_a_push_that_gave_no_observation_is_named_at_once_and_can_be_repeated(ro
     table.observed = table.visible = True
     table.settled = (2**31 - 1) * 10**9
     assert table.call("experiment/repeat")
-    last = table.wait_for_end()
-    assert (last.completed, last.aborted, last.skipped) == (2, 0, 0)
-    assert pushed(table.states) == [1, 4, 2]
+    table.ends_with([1, 4, 2], completed=2)
 
 
 def test_a_push_that_was_half_seen_can_be_repeated_too(ros, controller, tmp_path):
@@ -517,9 +506,8 @@ def test_a_push_that_was_half_seen_can_be_repeated_too(ros, controller, tmp_path
     table.wait_for_message("it was stopped: press Reset")
     assert table.call("actuator/reset")
     table.choose("repeat")
-    last = table.wait_for_end()
-    assert (last.completed, last.aborted, last.skipped, table.left_out) == (2, 0, 0, [1])
-    assert pushed(table.states) == [1, 4, 2]
+    table.ends_with([1, 4, 2], completed=2)
+    assert table.left_out == [1]
 
 
 @pytest.mark.parametrize("estimator", [True, False])

@@ -96,6 +96,10 @@ class Cell:
     def estimate(self, observations=DATA):
         """Start the estimator, and wait until the planner has the model of these observations."""
         self.ros.compose(made(EstimatorNode, object=NAME, source="observations"))
+        self.observe(observations)
+
+    def observe(self, observations):
+        """Tell the estimator of observations, and wait until the planner has the model of so many."""
         out = self.ros.publisher(self.node, Observation, "observation", RELIABLE)
         for observation in observations:
             out.publish(observation_to_msg(observation, NAME))
@@ -188,10 +192,7 @@ def test_every_answer_says_what_it_rests_on(ros):
     assert answer.message == "there is no estimate yet; push the object first"
     assert (answer.basis.object, answer.basis.has_model, answer.basis.data_points) == (NAME, False, 0)
 
-    out = ros.publisher(cell.node, Observation, "observation", RELIABLE)
-    for observation in DATA:
-        out.publish(observation_to_msg(observation, NAME))
-    cell.wait_for_model(len(DATA))
+    cell.observe(DATA)
     for name, request in requests.items():
         answer = cell.ask(name, request)
         assert answer.success

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from printed import marked_picture
 from sensor_msgs.msg import CompressedImage, Image
+from videos import save_video
 
 from pushfric_core.bags.samples import pose_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
@@ -257,17 +258,10 @@ def test_the_overlay_shows_the_outline(cell):
     assert (picture[..., 1] - picture[..., 2] > 60).any()
 
 
-def write_video(path, frames) -> None:
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 100, (640, 480), False)
-    for frame in frames:
-        video.write(frame)
-    video.release()
-
-
 def test_a_video_file_as_source(ros, tmp_path):
     simulation = SimulatedCamera(CAMERA, OUTLINE, HEIGHT, np.random.default_rng(0))
     truths = [TRUTH._replace(x=TRUTH.x + 0.001 * i) for i in range(10)]
-    write_video(tmp_path / "pushes.avi", [simulation.render(truth) for truth in (*[TRUTH] * 60, *truths)])
+    save_video(tmp_path / "pushes.avi", [simulation.render(truth) for truth in (*[TRUTH] * 60, *truths)], rate=100)
     cell = Cell(ros, tmp_path, source=str(tmp_path / "pushes.avi"))
     last = truths[-1].x - 2e-4
     ros.wait_for(lambda: len(cell.poses) >= 10 and cell.poses[-1].pose.pose.position.x > last, what="the last pose")
