@@ -16,7 +16,7 @@ from pushfric_core import InvalidInput, Outline, TrajectoryConfig, load
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.object_file import load_object
-from pushfric_core.trajectories.ledger import DoubtCode
+from pushfric_core.trajectories.ledger import POSES, DoubtCode
 from pushfric_msgs.msg import FrictionEstimate, PlanProgress
 from pushfric_ros.commands.recorded_run import disagreements, result_of
 from pushfric_ros.commands.watch import Monitor
@@ -194,7 +194,8 @@ def test_only_what_is_proven_is_called_whole(recording, tmp_path):
         (recording.write_elsewhere, dropped, sentence, "2 poses of pushes did not come, one or two at a time"),
     )
     for number, (write, messages, state, remark) in enumerate(cases):
-        bag = write(tmp_path / f"{number}", messages)
+        original, bag = write(tmp_path / f"of {number}", messages), tmp_path / f"{number}"
+        told("bag", "recover", original, "--out", bag, code=0)  # which proves no more than there was
         for command in ("verify", "info"):
             run = invoked("bag", command, bag)
             assert run.exit_code == 0
@@ -267,6 +268,20 @@ def test_a_busy_start_is_no_step_of_a_clock(recording, tmp_path):
     assert reading.ledger.doubts == []
 
 
+def test_a_clock_of_the_receiver_that_stands_still_is_no_step_of_another(recording, tmp_path):
+    """The recorder of a simulated cell takes its time from /clock, which comes late on a busy computer."""
+    at = recording.messages[recording.numbers(POSE)[435]].log_time_ns
+
+    def received(m):
+        """By a clock that goes on every quarter of a second for a while."""
+        since = m.log_time_ns - at
+        return m.log_time_ns - since % (SECOND // 4) if m.topic == POSE and 0 <= since < 2 * SECOND else m.log_time_ns
+
+    late = sorted((m._replace(log_time_ns=received(m)) for m in recording.messages), key=lambda m: m.log_time_ns)
+    reading, _ = reading_of(recording.write_elsewhere(tmp_path / "bag", late))
+    assert reading.ledger.doubts == []
+
+
 def test_a_run_that_went_on_to_another_object_is_a_doubt(recording, tmp_path):
     (start,) = (one for one in recording.messages if one.topic == "/cell/estimation_start")
     said = "the run went on from 'rubber_rect4' to 'wood_rect3': the pushes are not of one object"
@@ -330,6 +345,22 @@ def test_a_bag_of_no_run_adds_up(recording, tmp_path):
     bag = recording.write(tmp_path / "bag", [m for m in recording.messages if "fault" in m.topic])
     assert Recorded(bag).ledger() is None
     assert invoked("bag", "verify", bag).exit_code == 0
+
+
+def test_a_bag_of_nothing_does_not_add_up(recording, tmp_path):
+    assert "holds no messages: its recorder heard nobody" in told("bag", "verify", recording.write(tmp_path / "bag", []))
+
+
+def test_without_the_object_nothing_is_said_of_its_contacts(recording, tmp_path):
+    """Poses that come .1 s late are a doubt only where it is known when the tip touches the object."""
+    late = [recording.stamped(m, SECOND // 10) if m.topic == POSE else m for m in recording.messages]
+    bag = recording.write_elsewhere(tmp_path / "bag", late)
+    assert {one.code for one in Recorded(bag).ledger().doubts} == {DoubtCode.CLOCKS_DIFFER}
+    (bag / "object.yaml").unlink()
+    ledger = Recorded(bag).ledger()
+    assert ledger.doubts == []
+    assert set(ledger.sums()[POSES]) == {"received", "between pushes", "no partner", "not judged"}
+    assert "without object.yaml in it, nobody knows which observations" in told("bag", "verify", bag, code=0)
 
 
 def test_without_the_object_the_streams_are_still_checked(recording, tmp_path):

@@ -34,6 +34,7 @@ class BagWriter:
 
     Args:
         path: the folder, new or empty.
+        numbered: write the messages' numbers, which prove that none is missing.
     Attributes:
         folder: the folder.
         custom: texts for the bag's custom data, by key.
@@ -42,7 +43,7 @@ class BagWriter:
             disk is full, or the folder was removed. What was flushed before can be recovered from a full disk.
     """
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: PathLike, numbered: bool = True) -> None:
         self.folder = pathlib.Path(path).resolve()
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -56,7 +57,7 @@ class BagWriter:
         self._channels: dict[tuple[str, str], int] = {}  # by topic and type; "" as type: the last one of a topic
         self._topics: dict[int, dict[str, Any]] = {}  # as metadata.yaml has them, by channel
         self._numbers: Counter[str] = Counter()  # of messages, by topic
-        self._first_number = secrets.randbelow(2**31)
+        self._first_number = secrets.randbelow(2**31) if numbered else None
         self.custom: dict[str, str] = {}
         self._span: tuple[int, int] | None = None
         with self.writing():
@@ -121,7 +122,7 @@ class BagWriter:
             metadata = {
                 "offered_qos_profiles": yaml.safe_dump(qos, sort_keys=False),
                 "topic_type_hash": hash_text,
-                FIRST_NUMBER: str(self._first_number),
+                **({} if self._first_number is None else {FIRST_NUMBER: str(self._first_number)}),
             }
             channel: int = self._writer.register_channel(name, "cdr", self._schemas[type_name], metadata)
         topic = {
@@ -143,7 +144,7 @@ class BagWriter:
         if (topic, type_name) not in self._channels:
             raise ValueError(f"topic {topic} was not added to the bag")
         channel = self._channels[topic, type_name]
-        number = (self._first_number + self._numbers[topic]) % 2**32
+        number = 0 if self._first_number is None else (self._first_number + self._numbers[topic]) % 2**32
         self._numbers[topic] += 1  # a message that cannot be written leaves a gap
         with self.writing():
             self._writer.add_message(channel, log_time=stamp_ns, data=raw, publish_time=stamp_ns, sequence=number)

@@ -167,6 +167,8 @@ class McapFile:
         with reading(path, ", expected a bag"), path.open("rb") as stream:
             begin, size = stream.read(len(MAGIC)), stream.seek(0, io.SEEK_END)
             stream.seek(max(0, size - len(MAGIC)))
+            if not size:
+                raise InvalidInput(f"{path}: is empty: its recorder ended before it wrote anything")
             if MAGIC not in (begin, stream.read()):
                 raise InvalidInput(f"{path}: is not an MCAP file, expected a bag's folder or one of its files; {CONVERT}")
             end, damage = self._read_summary(stream, size)

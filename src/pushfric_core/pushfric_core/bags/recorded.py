@@ -194,7 +194,7 @@ class Recorded:
     def ledger(self) -> Ledger | None:
         """The account of a bag of a run: what does not add up, and what became of its messages; None if the bag holds no run.
 
-        Without the object's file next to the bag, it is not known which observations its poses give.
+        Without the object's file next to the bag, it is not known which observations its poses give, and nothing is said of it.
 
         Raises:
             InvalidInput: the bag, or a file next to it, cannot be read.
@@ -223,6 +223,8 @@ class Recorded:
         ledger.doubt_refused()
         for text in bag.lost:
             ledger.doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}")
+        if model is None:
+            ledger.forget_the_outline()
         of_the_run = found if model is not None and _is_recorded(self.path, model) else None
         record.close(ledger, of_the_run, settings, self._own_settings, len(earlier))
         return (earlier if found else []) + found, ledger, record.plan

@@ -7,7 +7,7 @@ from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, PathLike
 from pushfric_core.bags.recorded import beside
-from pushfric_core.bags.rosbag2_metadata import METADATA, CompressedMessages
+from pushfric_core.bags.rosbag2_metadata import METADATA, Compressed
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE
 
@@ -24,7 +24,7 @@ def recover(path: PathLike, out: PathLike) -> Bag:
     unknown = []
     try:
         damaged = Bag(path)
-    except CompressedMessages:
+    except Compressed:
         raise
     except InvalidInput as error:  # perhaps only its metadata is damaged
         damaged = Bag(path, ignore_metadata=True)
@@ -32,7 +32,7 @@ def recover(path: PathLike, out: PathLike) -> Bag:
     lost, damage = [*damaged.lost], damaged.damage
     if damage is not None and damage.loses_messages:
         lost += [damaged.said, *damage.contradictions]
-    new = BagWriter(out)
+    new = BagWriter(out, damaged.numbered)
     try:
         with new as writer:
             for name in (OBJECT_FILE, PRIOR_FILE):

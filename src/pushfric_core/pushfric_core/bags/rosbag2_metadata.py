@@ -15,7 +15,7 @@ METADATA = "metadata.yaml"
 
 VERSION = 9
 
-CONVERT = "rosbags-convert --src BAG --dst NEW --dst-storage mcap makes an MCAP bag of any bag of ROS 2"
+CONVERT = f"rosbags-convert --src BAG --dst NEW --dst-storage mcap makes an MCAP bag of one with {METADATA}"
 
 COMPRESSION_MODES = ("", "none", "file", "message")
 
@@ -23,8 +23,8 @@ FILE_LIMIT = 10_000
 """Largest number of files of a bag."""
 
 
-class CompressedMessages(InvalidInput):
-    """Each message of a bag is compressed, which is not read."""
+class Compressed(InvalidInput):
+    """rosbag2 compressed the messages or files of a bag, which is not read."""
 
 
 @dataclass(frozen=True)
@@ -65,19 +65,19 @@ def embedded_metadata(folder: pathlib.Path, text: str) -> BagMetadata | None:
 
 
 def _metadata(folder: pathlib.Path, information: Any) -> BagMetadata:
-    if (storage := information["storage_identifier"]) != "mcap":
-        raise ValueError(f"expected storage_identifier mcap, got {str(storage)[:80]!r}; {CONVERT}")
+    if (storage := str(information["storage_identifier"])) != "mcap":
+        raise InvalidInput(f"{folder}: is a bag of the storage {storage[:80]!r}, expected mcap; {CONVERT}")
     mode = information.get("compression_mode") or ""
     if not isinstance(mode, str) or mode.lower() not in COMPRESSION_MODES:
         raise ValueError(f"expected compression_mode to be one of {', '.join(COMPRESSION_MODES[1:])}, got {str(mode)[:80]!r}")
-    if mode.lower() == "message":  # what would be read of it makes no sense
-        raise CompressedMessages(f"{folder}: rosbag2 compressed each message; {CONVERT}")
     names = information["relative_file_paths"]
     if not isinstance(names, list) or not 0 < len(names) <= FILE_LIMIT:
         raise ValueError(f"expected relative_file_paths to list 1 to {FILE_LIMIT} files")
     for name in names:
         if not isinstance(name, str) or not name or "\0" in name:
             raise ValueError(f"expected relative_file_paths to list names of files, got {str(name)[:80]!r}")
+    if mode.lower() == "message" or names[0].endswith(".zstd"):  # what would be read of it makes no sense
+        raise Compressed(f"{folder}: rosbag2 compressed each {mode.lower()}; {CONVERT}")
     # old bags list them relative to the folder in which the recorder ran
     files = [folder / pathlib.PurePath(name).name for name in names]
     if twice := sorted({file.name for file in files if files.count(file) > 1}):

@@ -10,13 +10,14 @@ import typer
 from rich.console import Console
 
 from pushfric_core.bags.bag import Bag
-from pushfric_core.bags.recorded import Recorded, cells
+from pushfric_core.bags.recorded import Recorded, beside, cells
 from pushfric_core.bags.recovery import recover as recovered
 from pushfric_core.commands.application import STDOUT, Application
 from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.result import answer, ledger_table
 from pushfric_core.errors import InvalidInput
+from pushfric_core.files.object_file import OBJECT_FILE
 from pushfric_core.trajectories.ledger import Doubt, DoubtCode, Ledger
 from pushfric_core.wording import counted
 
@@ -30,6 +31,7 @@ class CheckedBag(NamedTuple):
 
     bag: Bag
     ledgers: dict[str, Ledger]  # by the namespace of the cell
+    notes: list[str]  # what cannot be known
     doubts: list[Doubt]
     remarks: list[Doubt]
 
@@ -103,8 +105,15 @@ def _checked(path: pathlib.Path) -> CheckedBag:
             doubts.append(Doubt(DoubtCode.NOT_UNDERSTOOD, str(error)))
         else:
             ledgers |= {} if ledger is None else {cell: ledger}
+    notes = [*bag.notes]
+    if not bag.summary.message_count and bag.damage is None:
+        doubts.append(Doubt(DoubtCode.EMPTY, "holds no messages: its recorder heard nobody"))
+    elif not ledgers and bag.damage is None:
+        notes.append("holds nothing of a cell, neither poses and pusher states nor observations")
+    elif beside(path, OBJECT_FILE) is None:
+        notes.append(f"without {OBJECT_FILE} in it, nobody knows which observations its poses give")
     doubts += [one for ledger in ledgers.values() for one in ledger.doubts if one not in doubts]
-    return CheckedBag(bag, ledgers, doubts, [one for ledger in ledgers.values() for one in ledger.remarks])
+    return CheckedBag(bag, ledgers, notes, doubts, [one for ledger in ledgers.values() for one in ledger.remarks])
 
 
 def _condition(checked: CheckedBag) -> dict[str, Any]:
@@ -121,7 +130,7 @@ def _condition(checked: CheckedBag) -> dict[str, Any]:
         "missing": {} if damage is None else damage.missing,
         "gaps": [gap._asdict() for gap in gaps],
         "contradictions": [] if damage is None else list(damage.contradictions),
-        "notes": list(bag.notes),
+        "notes": checked.notes,
         "doubts": [one._asdict() for one in checked.doubts],
         "remarks": [one._asdict() for one in checked.remarks],
         "ledgers": {cell: ledger.to_dict() for cell, ledger in checked.ledgers.items()},
@@ -146,7 +155,7 @@ def _end(checked: CheckedBag, json: str | None) -> None:
     """Say whether a bag is whole, unless the JSON on stdout does, and what is missing; exit with 1 if something is."""
     bag = checked.bag
     if json != STDOUT:
-        for note in bag.notes:
+        for note in checked.notes:
             say(f"{bag.path}: {note}")
         if bag.damage is not None:
             _print_damage(bag)

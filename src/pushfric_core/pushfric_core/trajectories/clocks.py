@@ -11,6 +11,7 @@ scatter as much as their mean may be off. Only a tip that keeps to its line can 
 import math
 from bisect import bisect_right
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import reduce
 from typing import NamedTuple
@@ -39,6 +40,10 @@ CLEAR = 2.0
 As a cell starts, all samples of FEWEST blocks may wait; but not all alike.
 """
 
+STANDS_STILL = 0.02
+"""Where samples that were stamped over a longer time [s] were received at one time, the receiver's clock stood still, as that
+of a busy recorder of a simulated cell does: they may seem to come before they were stamped, and show no delay."""
+
 OTHER_SPEED = 0.05
 """Where both streams are received faster or slower than they are stamped by more than this fraction, the receiver has another
 kind of time, as one that records a simulated cell by the time of day: it shows no steps."""
@@ -60,15 +65,28 @@ class Clocks:
 
     def __init__(self) -> None:
         self._streams = _Delays(), _Delays()
+        self._received = 0  # when the newest samples were, by stream, of which these are the stamps [ns]
+        self._at_once: tuple[list[int], list[int]] = [], []
         self._open: list[int] = []  # ends of blocks, with too few blocks after them to judge them for good [ns]
         self._found: ClockStep | None = None  # the largest step so far
 
     def add(self, stream: int, stamp: int, received: int) -> None:
         """Take the stamp of a sample of the first stream, 0, or the second, 1, and when it was received [ns]."""
-        if self._streams[stream].add(stamp, received):
-            self._open.append(received)
-            while all(one.after(self._open[0]) >= MOST for one in self._streams) or len(self._open) > LONGEST_WAIT:
-                self._found = self._larger(self._found, self._open.pop(0))
+        if received != self._received:
+            if all(max(one, default=0) - min(one, default=0) <= STANDS_STILL * 1e9 for one in self._at_once):
+                self._take_at_once()
+            for one in self._at_once:
+                one.clear()
+        self._received = received
+        self._at_once[stream].append(stamp)
+
+    def _take_at_once(self) -> None:
+        """Take the samples that were received at one time."""
+        for delays, stamps in zip(self._streams, self._at_once, strict=True):
+            if sum(delays.add(stamp, self._received) for stamp in stamps):
+                self._open.append(self._received)
+        while self._open and (all(one.after(self._open[0]) >= MOST for one in self._streams) or len(self._open) > LONGEST_WAIT):
+            self._found = self._larger(self._found, self._open.pop(0))
 
     @property
     def step(self) -> ClockStep | None:
@@ -80,7 +98,8 @@ class Clocks:
 
     def _larger(self, found: ClockStep | None, time: int) -> ClockStep | None:
         """The step that was found, or that at a time, if it is larger."""
-        size, nearby = (self._streams[1].change(time, most) - self._streams[0].change(time, most) for most in (MOST, FEWEST))
+        ways = ((MOST, min), (FEWEST, np.mean))  # the mean is sharpest at the step
+        size, nearby = (self._streams[1].change(time, *way) - self._streams[0].change(time, *way) for way in ways)
         is_clear = abs(size) > SMALLEST * 1e9 and abs(size) >= CLEAR * max(one.scatter(time) for one in self._streams)
         return ClockStep(time, size * 1e-9, abs(nearby)) if is_clear and (not found or abs(nearby) > found.nearby) else found
 
@@ -122,10 +141,10 @@ class _Delays:
         """The number of blocks that end after a time [ns]."""
         return len(self._ends) - bisect_right(self._ends, time)
 
-    def change(self, time: int, most: int) -> float:
-        """By how much the least delay of so many blocks grows at a time [ns]; NaN if too few lie on one side."""
+    def change(self, time: int, most: int, of: Callable[[list[int]], float]) -> float:
+        """By how much the least or mean delay of so many blocks grows at a time [ns]; NaN if too few lie on one side."""
         before, after = self._around(self._least, time, most)
-        return float(min(after) - min(before)) if min(len(before), len(after)) >= FEWEST else math.nan
+        return of(after) - of(before) if min(len(before), len(after)) >= FEWEST else math.nan
 
     def scatter(self, time: int) -> float:
         """The median of what delays are above the least, before or after a time: the larger of the two [ns]."""

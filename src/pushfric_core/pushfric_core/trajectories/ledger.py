@@ -20,6 +20,7 @@ TOO_FEW = "too few frames"
 BETWEEN_FRAMES = "between frames"
 NOT_SEEN = "object not seen"
 NO_PARTNER = "no partner"
+NOT_JUDGED = "not judged"
 AHEAD = "ahead"
 OUT_OF_ORDER = "out of order"
 REPEATED = "repeated"
@@ -39,6 +40,7 @@ REASONS = {
     BETWEEN_FRAMES: "other pusher states lie nearer to the poses",
     NOT_SEEN: "no pose came during this part of the push",
     NO_PARTNER: "there is no pusher state on both sides; a wrench: no observation was made at its time",
+    NOT_JUDGED: "in a push of an object whose outline is not known",
     AHEAD: "its stamp lies ahead of those that follow, or far ahead",
     OUT_OF_ORDER: "its stamp does not lie after that of an earlier message",
     REPEATED: "it has the stamp of the message before, and nothing new",
@@ -80,6 +82,7 @@ class DoubtCode(StrEnum):
     NO_END = auto()
 
     # the bag
+    EMPTY = auto()
     LOST_BEFORE = auto()
     NOT_UNDERSTOOD = auto()
 
@@ -88,6 +91,10 @@ class DoubtCode(StrEnum):
     NO_OBSERVATIONS = auto()
     RUN_DIFFERS = auto()
     RUN_FAILED = auto()
+
+
+OF_THE_OUTLINE = (DoubtCode.POSES_FROZEN, DoubtCode.CLOCKS_DIFFER, DoubtCode.FEW_OBSERVATIONS)
+"""Doubts that the outline of the object decides: whether the tip touches it."""
 
 
 class Doubt(NamedTuple):
@@ -152,6 +159,12 @@ class Ledger:
         noted = self.remarks if code is DoubtCode.POSES_DROPPED and not lost else self.doubts
         if (one := Doubt(code, text, stamp, lost)) not in noted:
             noted.append(one)
+
+    def forget_the_outline(self) -> None:
+        """Leave out what only the outline of the object shows, which is not known."""
+        self.doubts = [one for one in self.doubts if one.code not in OF_THE_OUTLINE]
+        poses = self.accounts[POSES].ended
+        poses[NOT_JUDGED] = sum(poses.pop(reason, 0) for reason in (USED, NOT_PUSHED, TOO_FEW))
 
     @property
     def lines(self) -> list[str]:
