@@ -18,7 +18,7 @@ from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.result import answer, ledger_table
 from pushfric_core.errors import InvalidInput
 from pushfric_core.files.object_file import OBJECT_FILE
-from pushfric_core.trajectories.ledger import Doubt, DoubtCode, Ledger
+from pushfric_core.trajectories.ledger import POSES, Doubt, DoubtCode, Ledger
 from pushfric_core.wording import counted
 
 BagArgument = Annotated[pathlib.Path, typer.Argument(help="A bag, or one of its files.")]
@@ -110,7 +110,7 @@ def _checked(path: pathlib.Path) -> CheckedBag:
         doubts.append(Doubt(DoubtCode.EMPTY, "holds no messages: its recorder heard nobody"))
     elif not ledgers and bag.damage is None:
         notes.append("holds nothing of a cell, neither poses and pusher states nor observations")
-    elif beside(path, OBJECT_FILE) is None:
+    elif beside(path, OBJECT_FILE) is None and any(ledger.accounts[POSES].received for ledger in ledgers.values()):
         notes.append(f"without {OBJECT_FILE} in it, nobody knows which observations its poses give")
     doubts += [one for ledger in ledgers.values() for one in ledger.doubts if one not in doubts]
     return CheckedBag(bag, ledgers, notes, doubts, [one for ledger in ledgers.values() for one in ledger.remarks])

@@ -65,8 +65,8 @@ class Clocks:
 
     def __init__(self) -> None:
         self._streams = _Delays(), _Delays()
-        self._received = 0  # when the newest samples were, by stream, of which these are the stamps [ns]
-        self._at_once: tuple[list[int], list[int]] = [], []
+        self._received = 0  # when the newest samples were received [ns]
+        self._at_once: tuple[list[int], list[int]] = [], []  # their stamps, by stream [ns]
         self._open: list[int] = []  # ends of blocks, with too few blocks after them to judge them for good [ns]
         self._found: ClockStep | None = None  # the largest step so far
 
