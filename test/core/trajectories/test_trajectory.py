@@ -211,6 +211,15 @@ def test_no_velocity_is_taken_across_a_leap():
     assert all(abs(o.stamp - leap) > 3 * FRAME for o in found)
 
 
+def test_frames_that_are_missing_as_the_tip_comes_to_rest_are_no_leap():
+    """The tip goes on by 7 mm while no frame comes, and rests in the next one."""
+    poses, pushers = samples_of_a_push(frames=20, speed=0.06)
+    trajectory = Trajectory(OUTLINE, tolerance=0.005)
+    for sample in in_time([*poses[:11], *poses[13:]], pushers):
+        feed(trajectory, [sample])
+        assert trajectory.contradiction is None
+
+
 def test_a_single_report_with_a_late_stamp_contradicts_nothing():
     poses, pushers = samples_of_a_push()
     pushers = [*pushers[:20], pushers[20]._replace(stamp=pushers[20].stamp - FRAME // 2, position=0.04), *pushers[21:]]

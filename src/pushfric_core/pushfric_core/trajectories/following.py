@@ -13,13 +13,13 @@ from pushfric_core.trajectories.samples import PoseSample
 from pushfric_core.trajectories.stream import NANOSECONDS
 
 LEAP = 0.005
-"""A pose may differ from the one before it by this much [m] more than the tip's speed allows."""
+"""A pose may differ from the one before it by this much [m] more than the tip's speed and way allow."""
 
 PERSISTS = 3
 """This many impossible poses in a row contradict the pusher; fewer may come from a single report with a late stamp."""
 
 LEAPS = 5.0
-"""In a push, no point of an object moves faster than this multiple of the tip's speed."""
+"""In a push, no point of an object moves faster, nor farther, than this multiple of the tip's speed and way."""
 
 APART_SHARE = 0.2
 """If the tip seems not to touch the object in less than this share of the pushes, single late stamps may be the cause."""
@@ -82,6 +82,7 @@ class Following:
         self._outline, self._tolerance, self._rest = outline, tolerance, rest
         self.contradiction: str | None = None
         self._before: PoseSample | None = None  # the frame before, of the same push
+        self._tip = np.zeros(2)  # where the tip was then
         self._parted: PoseSample | None = None  # the first of the consecutive frames in which the tip is away from the object
         self._wrong = 0  # number of wrong poses in a row
         self._away: Pose | None = None  # where the object was when the tip, in this push, was first seen away from it
@@ -128,16 +129,24 @@ class Following:
             self._apart, self._apart_in = self._apart + 1, push_id
             self._distance += (distance - self._distance) / self._apart
 
-    def leaps(self, sample: PoseSample, speed: float) -> bool:
-        """Whether a pose differs from the one before it, of the same push, by more than the tip's speed allows."""
+    def leaps(self, sample: PoseSample, tip: Array, speed: float) -> bool:
+        """Whether a pose differs from the one before it, of the same push, by more than the tip allows.
+
+        Args:
+            sample: the pose.
+            tip: (2,) where the tip is [m]; it may have gone there since the pose before, and rest by now.
+            speed: of the tip [m/s].
+        """
         before, self._before = self._before, sample
+        tip_before, self._tip = self._tip, tip
         if before is None:  # a new push
             self.contradiction, self._wrong = None, 0
             self._away = None
             self._rest.forget()
             return False
         way = moved(before.pose, sample.pose, self._outline.reach)
-        if way <= LEAP + LEAPS * speed * (sample.stamp - before.stamp) / NANOSECONDS:
+        tips_way = max(speed * (sample.stamp - before.stamp) / NANOSECONDS, float(np.hypot(*(tip - tip_before))))
+        if way <= LEAP + LEAPS * tips_way:
             return False
         self.contradiction = f"the object leaps by {way * 1e3:.0f} mm from one image to the next"
         return True

@@ -250,7 +250,7 @@ class Trajectory:
             depth, mean = -math.inf if touch is None else position - touch.distance, after.position - before.position
         mean = mean * NANOSECONDS / (after.stamp - before.stamp)
         self._following.note_pose(sample, tip, depth >= -self.config.contact_tolerance)
-        if self._following.leaps(sample, max(abs(before.speed), abs(after.speed), abs(mean))):
+        if self._following.leaps(sample, tip, max(abs(before.speed), abs(after.speed), abs(mean))):
             return None
         self._following.compare(sample, depth)
         self._tells_speed |= before.speed != 0 or after.speed != 0
