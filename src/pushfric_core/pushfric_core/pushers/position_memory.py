@@ -33,8 +33,7 @@ class PositionMemory:
         if folder == AUTO:
             state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local/state"
             folder = str(pathlib.Path(state) / "pushfric")
-        name = urllib.parse.quote(place, safe="")
-        self._file = pathlib.Path(folder) / f"{name}.json" if folder else None
+        self._file = pathlib.Path(folder) / f"{urllib.parse.quote(place, safe='')}.json" if folder else None
         self._kept: float | None = None  # or is about to be
         self._disk = ThreadPoolExecutor(1, "memory")
         self._writing: Future[None] | None = None
