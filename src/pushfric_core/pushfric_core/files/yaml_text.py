@@ -135,9 +135,8 @@ def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> 
         raise ValueError(f"expected {', '.join(lacking)} in {section}")
     made = text
     for key, node in sorted(nodes.items(), key=lambda item: -item[1].start_mark.index):
-        if key not in values:
-            continue
-        made = made[: node.start_mark.index] + _written(values[key]) + made[_end(node) :]
+        if key in values:
+            made = made[: node.start_mark.index] + _written(values[key]) + made[_end(node) :]
     for key in lacking:
         made = f"{made.rstrip()}\n{key}: {_written(values[key])}\n"
     part.update(mapped(dict(values), lambda one: one))
@@ -148,9 +147,7 @@ def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> 
 
 def _nodes(mapping: Any) -> dict[str, Any]:
     """The nodes of a mapping's values."""
-    if not isinstance(mapping, yaml.MappingNode):
-        return {}
-    return {key.value: value for key, value in mapping.value}
+    return {key.value: value for key, value in mapping.value} if isinstance(mapping, yaml.MappingNode) else {}
 
 
 def _end(node: Any) -> int:
