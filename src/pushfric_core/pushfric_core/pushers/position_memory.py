@@ -44,12 +44,11 @@ class PositionMemory:
             return None
         try:
             with open(self._file, encoding="utf-8") as file:
-                position = json.loads(file.read(LONGEST))["position"]
-            self._kept = math.nan if position is None else float(position)
+                self._kept = float(json.loads(file.read(LONGEST))["position"])
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, OverflowError):
-            self._kept = math.nan  # a damaged file says nothing
+            self._kept = math.nan  # a null, or a damaged file, says nothing
         if not math.isfinite(self._kept):
             self._kept = math.nan
         return self._kept
