@@ -117,8 +117,7 @@ def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[s
         progress(f"public pushes: {one.name}")
         found = {row: line_of(stroke, one.model.outline) for row, stroke in enumerate(one.strokes)}
         lines = {row: line for row, line in found.items() if line is not None}  # the strokes that begin at the outline
-        estimate = estimated(one.data, one.model.support_points)[1]
-        estimates.append((estimate, believed(one, list(lines))))
+        estimates.append((estimated(one.data, one.model.support_points)[1], believed(one, list(lines))))
         rows.append(_measured(one, *estimates[-1], lines, np.random.default_rng(number)))
     draw_errors(rows, plot)
     gallery(sets, estimates, plot.with_stem(f"{plot.stem}_gallery"))

@@ -74,8 +74,7 @@ def _repeated(rows: list[tuple[str, ...]], earlier: dict[str, list[tuple[str, ..
 
 def cell_sections() -> dict[str, list[tuple[str, ...]]]:
     """The rows of the tables; the keys outside of any section first, with an empty name."""
-    rows = {name: _rows([*configs, *driver_kinds(name, {})]) for name, configs in SECTIONS.items()}
-    return {"": _rows(ROOT)} | rows
+    return {"": _rows(ROOT)} | {name: _rows([*configs, *driver_kinds(name, {})]) for name, configs in SECTIONS.items()}
 
 
 def arms() -> dict[str, list[tuple[str, ...]]]:
