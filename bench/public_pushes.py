@@ -144,8 +144,7 @@ def _surfaces(sets: Sequence[PublicSet], beliefs: Sequence[FrictionModel]) -> It
         if (one.folder, one.model.name) == (other.folder, other.model.name):
             apart = first.center_of_friction - second.center_of_friction
             agree = bool(apart @ np.linalg.solve(first.covariance + second.covariance, apart) <= ELLIPSE)
-            names = [one.name, other.name]
-            yield {"object": one.model.name, "sets": names, "apart": float(np.hypot(*apart)), "agree": agree}
+            yield {"object": one.model.name, "sets": [one.name, other.name], "apart": float(np.hypot(*apart)), "agree": agree}
 
 
 def sets_in(folder: pathlib.Path) -> list[PublicSet]:

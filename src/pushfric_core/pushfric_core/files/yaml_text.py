@@ -79,8 +79,7 @@ def _check_structure(text: str) -> None:
     events: Iterable[Any] = yaml.parse(text, Loader=_Loader)
     for event in events:
         where = f"line {event.start_mark.line + 1}"
-        tag = getattr(event, "tag", None)
-        if tag is not None:
+        if (tag := getattr(event, "tag", None)) is not None:
             raise ValueError(f"{where}: expected plain values, got the tag {tag[:40]!r}")
         if isinstance(event, yaml.CollectionStartEvent):
             if len(sizes) > DEPTH_LIMIT:
