@@ -263,8 +263,7 @@ def check_command(command: str) -> None:
     from pushfric_core.wording import no_such
     from pushfric_ros.commands import COMMANDS as OF_CELLS
 
-    options = [*HELP_OPTIONS, "--version", "--install-completion", "--show-completion"]
-    known = [*OWN_COMMANDS, *COMMANDS, *OF_CELLS, *options]
+    known = [*OWN_COMMANDS, *COMMANDS, *OF_CELLS, *HELP_OPTIONS, "--version", "--install-completion", "--show-completion"]
     if command not in known:
         kind = "option" if command.startswith("-") else "command"
         raise SetupError(no_such(kind, command, known, "./pushfric --help"))
@@ -565,9 +564,8 @@ def requirements(extra: pathlib.Path | None = None) -> list[str]:
         for text in (parser.get("options", "install_requires", fallback=""), *(extras[name] for name in of_cells)):
             found += [line for line in text.splitlines() if line]
     for path in [extra, *included(extra)] if extra is not None else []:
-        for line in path.read_text(encoding="utf-8").splitlines():
-            if line and not line.startswith(("#", "-r ")):
-                found.append(line.replace("==", ">="))
+        lines = path.read_text(encoding="utf-8").splitlines()
+        found += [line.replace("==", ">=") for line in lines if line and not line.startswith(("#", "-r "))]
     return sorted(set(found))
 
 

@@ -224,15 +224,13 @@ def cases(topic: str, seeds: int, folders: tuple[pathlib.Path, ...]) -> list[Cas
     """What a topic is judged by."""
     if topic == "p_CF":
         return [*_simulated(seeds), *_public([one for folder in folders for one in sets_in(folder)])]
-    makers = {"mu_c": _sliding, "doubts": _spoilt, "mistakes": _wrong}
-    return list(makers[topic](seeds))
+    return list({"mu_c": _sliding, "doubts": _spoilt, "mistakes": _wrong}[topic](seeds))
 
 
 def _studied(seeds: int, salt: int) -> Iterator[tuple[TableObject, list[PlannedPush], np.random.Generator]]:
     """Each simulated object with all its pushes, and chance of its own."""
     for seed, (number, studied) in itertools.product(range(seeds), enumerate(objects().values())):
-        rng = np.random.default_rng((seed, number, salt))
-        yield studied, even_pushes(studied.outline, studied.pushes), rng
+        yield studied, even_pushes(studied.outline, studied.pushes), np.random.default_rng((seed, number, salt))
 
 
 def _simulated(seeds: int) -> Iterator[Case]:

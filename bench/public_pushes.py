@@ -117,8 +117,7 @@ def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[s
         progress(f"public pushes: {one.name}")
         found = {row: line_of(stroke, one.model.outline) for row, stroke in enumerate(one.strokes)}
         lines = {row: line for row, line in found.items() if line is not None}  # the strokes that begin at the outline
-        estimate = estimated(one.data, one.model.support_points)[1]
-        estimates.append((estimate, believed(one, list(lines))))
+        estimates.append((estimated(one.data, one.model.support_points)[1], believed(one, list(lines))))
         rows.append(_measured(one, *estimates[-1], lines, np.random.default_rng(number)))
     draw_errors(rows, plot)
     gallery(sets, estimates, plot.with_stem(f"{plot.stem}_gallery"))
@@ -145,8 +144,7 @@ def _surfaces(sets: Sequence[PublicSet], beliefs: Sequence[FrictionModel]) -> It
         if (one.folder, one.model.name) == (other.folder, other.model.name):
             apart = first.center_of_friction - second.center_of_friction
             agree = bool(apart @ np.linalg.solve(first.covariance + second.covariance, apart) <= ELLIPSE)
-            names = [one.name, other.name]
-            yield {"object": one.model.name, "sets": names, "apart": float(np.hypot(*apart)), "agree": agree}
+            yield {"object": one.model.name, "sets": [one.name, other.name], "apart": float(np.hypot(*apart)), "agree": agree}
 
 
 def sets_in(folder: pathlib.Path) -> list[PublicSet]:

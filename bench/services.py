@@ -93,12 +93,10 @@ def measure(progress: Callable[[str], None]) -> Figures:
 
 def verdicts(figures: Figures) -> Iterator[Verdict]:
     """The targets, next to what was measured."""
-    answer = figures["answers"]["asked"]["p50_ms"]
-    yield Verdict.at_most("an answer while pushes run, p50 ms", 5, answer)
+    yield Verdict.at_most("an answer while pushes run, p50 ms", 5, figures["answers"]["asked"]["p50_ms"])
     quiet = figures["estimates"]["quiet"]["p50_ms"]
     for kind in KINDS[1:]:
-        later = figures["estimates"][kind]["p50_ms"] - quiet
-        yield Verdict.at_most(f"an estimate later by, {kind}, p50 ms", 1, later)
+        yield Verdict.at_most(f"an estimate later by, {kind}, p50 ms", 1, figures["estimates"][kind]["p50_ms"] - quiet)
     gap = figures["heartbeat_gap_s"]["loaded"]
     yield Verdict.at_most(f"the estimator's heartbeat, {MANY} predictions again and again, largest gap, s", 0.15, gap)
     crowd = figures["crowd"]

@@ -152,8 +152,7 @@ def without_fields(app: Sphinx, what: str, name: str, obj: Any, skip: bool, opti
 
 def mathml(translator: HTML5Translator, node: math | math_block) -> None:
     """Write a formula as MathML, which browsers draw by themselves."""
-    display = "block" if isinstance(node, math_block) else "inline"
-    translator.body.append(convert(node.astext(), display=display))
+    translator.body.append(convert(node.astext(), display="block" if isinstance(node, math_block) else "inline"))
     raise SkipNode
 
 

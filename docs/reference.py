@@ -64,8 +64,7 @@ def cell_tables() -> str:
 
 def _repeated(rows: list[tuple[str, ...]], earlier: dict[str, list[tuple[str, ...]]]) -> str:
     """The section that these rows contain, or the keys that stand in another section, too."""
-    contained = [name for name, section in earlier.items() if {*section} <= {*rows}]
-    if contained:
+    if contained := [name for name, section in earlier.items() if {*section} <= {*rows}]:
         return f"The keys of `{contained[-1]}`, and\n\n"
     first = {row: name for name, section in reversed(earlier.items()) for row in section}
     keys = {name: [row[0] for row in rows if first.get(row) == name] for name in earlier}
@@ -74,8 +73,7 @@ def _repeated(rows: list[tuple[str, ...]], earlier: dict[str, list[tuple[str, ..
 
 def cell_sections() -> dict[str, list[tuple[str, ...]]]:
     """The rows of the tables; the keys outside of any section first, with an empty name."""
-    rows = {name: _rows([*configs, *driver_kinds(name, {})]) for name, configs in SECTIONS.items()}
-    return {"": _rows(ROOT)} | rows
+    return {"": _rows(ROOT)} | {name: _rows([*configs, *driver_kinds(name, {})]) for name, configs in SECTIONS.items()}
 
 
 def arms() -> dict[str, list[tuple[str, ...]]]:

@@ -77,8 +77,7 @@ def main(
 def page() -> str:
     """The document, from the evidence."""
     found = json.loads(EVIDENCE.read_text(encoding="utf-8"))
-    how = textwrap.fill(found["circumstances"], 120)
-    return f"{HEAD}{table(found['faults'])}\n{how}\n"
+    return f"{HEAD}{table(found['faults'])}\n{textwrap.fill(found['circumstances'], 120)}\n"
 
 
 def circumstances(found: list[dict[str, Any]], loads: list[float]) -> str:

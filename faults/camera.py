@@ -177,7 +177,7 @@ def main(fault: str, folder: pathlib.Path) -> None:
         tolerances = {name: getattr(plan, name) for name in ("clock_tolerance", "follow_tolerance", "lost_object")}
         changed = {
             "simulated_cell": lambda spec: replace(spec, remappings={**spec.remappings, SHOWN: TRUE}),
-            "experiment": lambda spec: replace(spec, parameters={**spec.parameters, **tolerances}),
+            "experiment": lambda spec: spec.given(**tolerances),
         }
         specs = graph.simulated_cell(cell, str(folder / "bag"), seed=0, speed=1.0)
         specs = [changed.get(spec.name, lambda spec: spec)(spec) for spec in specs]

@@ -314,5 +314,4 @@ def rods() -> tuple[Nested, list[tuple[Array, Array]]]:
         surface = LimitSurface(support)
         section = cross_section(surface, Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0))
         drawn.append((section, surface.reachable(contacts, normals, 0.0).wrenches[:, 0, 1:]))
-    difference = float(np.abs(drawn[0][1] - drawn[1][1]).max())
-    return {"largest_difference_of_reachable_wrenches": difference}, drawn
+    return {"largest_difference_of_reachable_wrenches": float(np.abs(drawn[0][1] - drawn[1][1]).max())}, drawn

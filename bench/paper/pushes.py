@@ -230,7 +230,8 @@ def screened_runs(studied: TableObject, rng: np.random.Generator) -> Iterator[tu
         clean = filmed(studied.outline, before, spread, np.random.default_rng(camera))
         yield f"none/{noise}", None, clean
         for kind in SPOILT:
-            bad, seen = with_bad_push(kind, before, rng)
+            bad = int(rng.integers(len(before)))
+            seen = [spoilt(kind, frames, rng) if index == bad else frames for index, frames in enumerate(before)]
             data = filmed(studied.outline, seen, spread, np.random.default_rng(camera))
             harmless = {one.twist for one in data} <= {one.twist for one in clean}
             yield f"{kind}/{noise}", None if harmless else bad, data
@@ -250,12 +251,6 @@ def with_moved_load(support: Support, shift: float, rng: np.random.Generator) ->
     tilt = np.linalg.solve(moments, shift * np.array((math.cos(angle), math.sin(angle))))
     weights = support.weights * np.maximum(1 + arms @ tilt, LEAST_WEIGHT)
     return Support(support.points, weights / weights.sum())
-
-
-def with_bad_push(kind: str, pushes: Sequence[Frames], rng: np.random.Generator) -> tuple[int, list[Frames]]:
-    """A push that is chosen at random, and all pushes, of which this one has a fault, one of SPOILT."""
-    bad = int(rng.integers(len(pushes)))
-    return bad, [spoilt(kind, frames, rng) if index == bad else frames for index, frames in enumerate(pushes)]
 
 
 def spoilt(kind: str, frames: Frames, rng: np.random.Generator) -> Frames:

@@ -64,8 +64,7 @@ def run_seed(seed: int) -> Nested:
         rng = np.random.default_rng((seed, 100 + number))
         pushes = even_pushes(known.outline, known.pushes) + slipping_pushes(known.outline, (0, 2))
         data = filmed(known.outline, moved(known, pushes, rng), known.noise, rng)
-        mu_c = estimated(data, known.support_points)[1].mu_c
-        if mu_c is not None:
+        if (mu_c := estimated(data, known.support_points)[1].mu_c) is not None:
             found["mu_c"][name] = {"truth": known.mu_c, "value": mu_c.value, "low": mu_c.low, "high": mu_c.high}
     return found
 

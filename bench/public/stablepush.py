@@ -72,8 +72,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
         if not observations:
             raise InvalidInput(f"{source}: no push of {name} was stable")
         written.append(write_bag(folder, name, observations))
-        numbers = np.column_stack((*found.pushes, found.stable)).tolist()
-        save_table((*TURNED, "stable"), numbers, folder / PUSHES)
+        save_table((*TURNED, "stable"), np.column_stack((*found.pushes, found.stable)).tolist(), folder / PUSHES)
     return written
 
 

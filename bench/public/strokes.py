@@ -78,8 +78,7 @@ class Stroke(NamedTuple):
         motion = planar.log(compose(inverse(self.before), self.after))
         halfway = compose(self.before, exp(motion, 0.5))
         tips = (self.tip_before, np.add(self.tip_before, self.tip_after) / 2, self.tip_after)
-        poses = (self.before, halfway, self.after)
-        places = [transform(inverse(pose), tip) for pose, tip in zip(poses, tips, strict=True)]
+        places = [transform(inverse(pose), tip) for pose, tip in zip((self.before, halfway, self.after), tips, strict=True)]
         edges, feet, gaps = nearest_edges(outline, np.array(places))
         if (
             abs(motion.omega) > LARGEST_TURN

@@ -141,8 +141,7 @@ def _observation(index: int, numbers: Iterator[float], outline: Outline) -> Obse
 
     x, y, heading = tool_at(middle).tolist()
     pose = compose(before, exp(motion, 0.5))
-    tip = transform(inverse(pose), (x, y))
-    touch = outline.nearest(tip)
+    touch = outline.nearest(transform(inverse(pose), (x, y)))
     if touch.edge is None or abs(touch.distance) > LARGEST_GAP or not any(motion) or not pressed.any():
         return None
     # the tip's places in the object's frame at first touch and at the end: its motion there adds to the contact's motion
@@ -150,8 +149,7 @@ def _observation(index: int, numbers: Iterator[float], outline: Outline) -> Obse
     velocity = velocity_at(motion, touch.point) + travel
     force = rotation(heading - pose.theta) @ (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
     at, normal, pushed, moved = ((float(x), float(y)) for x, y in (touch.point, touch.normal, force, velocity))
-    stamp = round(middle * SECOND)
-    return Observation(at, normal, motion, index, stamp=stamp, pose=pose, force=pushed, tip_velocity=moved)
+    return Observation(at, normal, motion, index, stamp=round(middle * SECOND), pose=pose, force=pushed, tip_velocity=moved)
 
 
 def _tip_velocity(row: CsvRow, motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:

@@ -188,7 +188,7 @@ def test_a_way_back_that_a_busy_machine_interrupts_is_tried_again(examples, rehe
 
 def test_a_plug_that_is_pulled_ends_the_rehearsal_with_a_line(controller, started):
     process = started(silence=2.0)
-    controller.unplug()
+    controller.close()
     out, err = process.communicate(timeout=120)
     assert "Traceback" not in out + err
     assert process.returncode == 1, err

@@ -33,8 +33,7 @@ def plugin(group: str, name: str) -> Any:
     Raises:
         ValueError: no package or more than one registered the name, or it cannot be imported.
     """
-    found = importlib.metadata.entry_points(group=group)
-    named = {entry.value: entry for entry in found if entry.name == name}
+    named = {entry.value: entry for entry in importlib.metadata.entry_points(group=group, name=name)}
     if not named:
         known = ", ".join(installed(group)) or "none is installed"
         raise ValueError(f"{_WHAT[group]} must be an entry point of {group} ({known}), got {name!r}")

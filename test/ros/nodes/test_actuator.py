@@ -66,7 +66,7 @@ def controller(tmp_path) -> Iterator[SimulatedGrbl]:
 
 def unplug(controller: SimulatedGrbl, link) -> None:
     link.unlink()  # first: the terminal that it leads to may be another test's next
-    controller.unplug()
+    controller.close()
 
 
 def plug_in(controller: SimulatedGrbl, link) -> None:

@@ -327,7 +327,7 @@ def test_a_person_goes_on_to_the_next_push_while_placing_and_while_pushing(ros, 
 def test_a_fault_during_a_push_waits_for_the_operator_and_costs_one_push(ros, controller, tmp_path, fault):
     table = Table(ros, tmp_path, start=2)
     ros.wait_for(lambda: controller.position() > 0.01, what="the push")
-    {"alarm": controller.hit_limit, "unplugged": controller.unplug}[fault]()
+    {"alarm": controller.hit_limit, "unplugged": controller.close}[fault]()
     if fault == "unplugged":
         table.wait_for_message("no controller answers: is it switched on, and plugged in?")
         controller.start()

@@ -43,9 +43,7 @@ class Commands(Group):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """A command as the list shows it; None if there is no such command."""
         package = package_of(cmd_name)
-        if package is None:
-            return None
-        return PlainCommand(cmd_name, help=package.COMMANDS[cmd_name])
+        return None if package is None else PlainCommand(cmd_name, help=package.COMMANDS[cmd_name])
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)  # refuses a name that is not in the list

@@ -112,8 +112,7 @@ def explain(error: Exception) -> None:
     An old package lacks what is asked of it: ImportError, AttributeError or TypeError. If none is too old, the mistake is ours.
     """
     missing = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
-    lacking = [text for text in _every(_installed()) if _module(text) == missing]
-    if lacking:
+    if lacking := [text for text in _every(_installed()) if _module(text) == missing]:
         from pushfric_core.errors import installing  # not above: the set-up runs this file by itself
 
         extra = _extra(lacking[0])

@@ -5,7 +5,7 @@ import io
 import math
 import pathlib
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -64,12 +64,13 @@ def track(
         raise InvalidInput(f"{source}: no image on {found.topic}")
     if out is not None:
         _write(found, out)
-    answer(_summary(found), json, _lines(found))
-    if found.count(now=False, before=True):
+    told = _summary(found)
+    answer(told, json, _lines(told))
+    if told["no_longer_seen"]:
         raise typer.Exit(1)
 
 
-def _summary(found: Retracked) -> dict[str, object]:
+def _summary(found: Retracked) -> dict[str, Any]:
     off = np.array([one.off for one in found.images if one.off is not None]).reshape(-1, 2)
     return {
         "topic": found.topic,
@@ -84,20 +85,18 @@ def _summary(found: Retracked) -> dict[str, object]:
     }
 
 
-def _lines(found: Retracked) -> Iterator[str]:
-    seen = sum(one.pose is not None for one in found.images)
-    yield f"{found.topic}: the object is seen in {seen} of {counted(len(found.images), 'image')}"
-    off = np.array([one.off for one in found.images if one.off is not None]).reshape(-1, 2)
-    if len(off):
-        (middle, turned), (most, most_turned) = np.median(off, axis=0), off.max(axis=0)
-        apart = f"{1e3 * middle:.3f} mm and {math.degrees(turned):.3f} degrees apart (median)"
-        most_apart = f"{1e3 * most:.3f} mm and {math.degrees(most_turned):.3f} degrees at most"
-        yield f"{counted(len(off), 'pose')} compared with the recorded: {apart}, {most_apart}"
-    for now, before, words in ((True, False, "shows the object now, without a recorded pose"),
-                               (False, True, "no longer shows the object")):  # fmt: skip
-        if number := found.count(now=now, before=before):
-            yield f"{counted(number, 'image')}: {words}"
-    for reason, number in found.reasons.most_common():
+def _lines(told: dict[str, Any]) -> Iterator[str]:
+    yield f"{told['topic']}: the object is seen in {told['seen']} of {counted(told['images'], 'image')}"
+    if told["compared"]:
+        places, turns = told["distance"], told["angle"]
+        apart = f"{1e3 * places['median']:.3f} mm and {math.degrees(turns['median']):.3f} degrees apart (median)"
+        most_apart = f"{1e3 * places['max']:.3f} mm and {math.degrees(turns['max']):.3f} degrees at most"
+        yield f"{counted(told['compared'], 'pose')} compared with the recorded: {apart}, {most_apart}"
+    if number := told["newly_seen"]:
+        yield f"{counted(number, 'image')}: shows the object now, without a recorded pose"
+    if number := told["no_longer_seen"]:
+        yield f"{counted(number, 'image')}: no longer shows the object"
+    for reason, number in sorted(told["not_seen"].items(), key=lambda one: -one[1]):
         yield f"  {number} x {reason}"
 
 

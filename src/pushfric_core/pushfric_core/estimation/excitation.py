@@ -43,8 +43,7 @@ class Excitation:
         self._pushes.add(push_id)
         place = round(contact[0] / self._step), round(contact[1] / self._step)
         if self._separate < FEWEST_PLACES and place not in self._places:
-            others = [other for other in self._places if math.dist(place, other) > FINENESS]
-            if others:
+            if others := [other for other in self._places if math.dist(place, other) > FINENESS]:
                 third = any(math.dist(*pair) > FINENESS for pair in itertools.combinations(others, 2))
                 self._separate = FEWEST_PLACES if third else 2
             self._places.add(place)

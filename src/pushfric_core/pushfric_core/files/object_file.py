@@ -221,12 +221,11 @@ def save_object(model: ObjectModel, path: pathlib.Path) -> None:
     write_whole(path, yaml.safe_dump(content, sort_keys=False))
 
 
-def edited_object(target: pathlib.Path, known: ObjectModel | None, values: Mapping[str, Value]) -> tuple[str, ObjectModel]:
+def edited_object(target: pathlib.Path, values: Mapping[str, Value]) -> tuple[str, ObjectModel]:
     """The text of an object's file with new values, and the object; everything else in the text stays.
 
     Args:
         target: the file, which need not exist.
-        known: the object as it was known so far, for a new file; None if it was not.
         values: by key.
     Raises:
         InvalidInput: the file cannot be read, or does not fit the values; for example, support points lie outside.
@@ -234,10 +233,7 @@ def edited_object(target: pathlib.Path, known: ObjectModel | None, values: Mappi
     if target.exists():
         text = edited_yaml(target, None, values)
     else:
-        content: dict[str, Any] = {"name": target.stem}
-        if known is not None:
-            content = known.file.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
-        text = yaml.safe_dump({**content, **values}, sort_keys=False, default_flow_style=None, width=120)
+        text = yaml.safe_dump({"name": target.stem, **values}, sort_keys=False, default_flow_style=None, width=120)
     with fitting(target):
         return text, make_object(ObjectFile.model_validate(load_yaml(text)), str(target))
 

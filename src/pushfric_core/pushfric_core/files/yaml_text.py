@@ -79,8 +79,7 @@ def _check_structure(text: str) -> None:
     events: Iterable[Any] = yaml.parse(text, Loader=_Loader)
     for event in events:
         where = f"line {event.start_mark.line + 1}"
-        tag = getattr(event, "tag", None)
-        if tag is not None:
+        if (tag := getattr(event, "tag", None)) is not None:
             raise ValueError(f"{where}: expected plain values, got the tag {tag[:40]!r}")
         if isinstance(event, yaml.CollectionStartEvent):
             if len(sizes) > DEPTH_LIMIT:
@@ -135,9 +134,8 @@ def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> 
         raise ValueError(f"expected {', '.join(lacking)} in {section}")
     made = text
     for key, node in sorted(nodes.items(), key=lambda item: -item[1].start_mark.index):
-        if key not in values:
-            continue
-        made = made[: node.start_mark.index] + _written(values[key]) + made[_end(node) :]
+        if key in values:
+            made = made[: node.start_mark.index] + _written(values[key]) + made[_end(node) :]
     for key in lacking:
         made = f"{made.rstrip()}\n{key}: {_written(values[key])}\n"
     part.update(mapped(dict(values), lambda one: one))
@@ -148,9 +146,7 @@ def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> 
 
 def _nodes(mapping: Any) -> dict[str, Any]:
     """The nodes of a mapping's values."""
-    if not isinstance(mapping, yaml.MappingNode):
-        return {}
-    return {key.value: value for key, value in mapping.value}
+    return {key.value: value for key, value in mapping.value} if isinstance(mapping, yaml.MappingNode) else {}
 
 
 def _end(node: Any) -> int:

@@ -83,8 +83,7 @@ def estimate_many(
     models = model_names(inputs)
     with writing(out):
         (out / MODELS).mkdir(parents=True, exist_ok=True)
-        wanted = {str(path): fingerprint(path, choices) for path in inputs}
-        lines = _earlier(out / RESULTS, wanted)
+        lines = _earlier(out / RESULTS, {str(path): fingerprint(path, choices) for path in inputs})
         for line in lines.values():
             finished(line)
         missing = [path for path in inputs if str(path) not in lines]
@@ -109,8 +108,7 @@ def objections(line: Line) -> list[dict[str, Any]]:
 def counts(lines: Sequence[Line]) -> dict[str, int]:
     """How many inputs there are, and what became of them."""
     use = Counter(None if "error" in line else not objections(line) for line in lines)
-    states = {"usable": use[True], "not_usable": use[False], "broken": use[None]}
-    return {"inputs": len(lines)} | states
+    return {"inputs": len(lines), "usable": use[True], "not_usable": use[False], "broken": use[None]}
 
 
 def write_table(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:

@@ -83,13 +83,12 @@ def track_again(bag: Bag, topic: str, tracker: Tracker, time_offset: float) -> R
     shift = 0 if topic.endswith(KEYFRAMES) else round(time_offset * 1e9)
     found, last = Retracked(topic), None
     for stamp, frame in _images(bag, topic):
-        before = recorded.get(stamp + shift)
+        image = Tracked(stamp + shift, None, recorded.get(stamp + shift))
+        found.images.append(image)
         try:
-            pose = last = tracker.track(frame, before or last).pose
+            image.pose = last = tracker.track(frame, image.recorded or last).pose
         except NotSeen as reason:
-            found.images.append(Tracked(stamp + shift, None, before, str(reason)))
-        else:
-            found.images.append(Tracked(stamp + shift, pose, before))
+            image.reason = str(reason)
     return found
 
 

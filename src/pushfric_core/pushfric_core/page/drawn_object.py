@@ -118,7 +118,7 @@ class DrawnObject:
         self.problem = ""
         """Why what is drawn is no object; empty if it is one."""
         try:
-            self._text, self.model = edited_object(self._target, None, self._changes())
+            self._text, self.model = edited_object(self._target, self._changes())
         except InvalidInput as error:
             self.problem = str(error).removeprefix(f"{self._target}: ")
 

@@ -281,11 +281,10 @@ class Driver(ABC):
         """See Pusher. Raises ValueError if the speed is not positive."""
         if not speed > 0:
             raise ValueError(f"speed must be positive, got {speed}")
-        mode = self.mode
-        stroke = self._start(position, speed) if mode is Mode.IDLE else None
-        if stroke is None or not self._on(DriverEvent.MOVE):
-            if mode is not Mode.IDLE:
-                raise NotReady(f"the pusher's mode is {mode.value}, expected idle")
+        if (mode := self.mode) is not Mode.IDLE:
+            raise NotReady(f"the pusher's mode is {mode.value}, expected idle")
+        stroke = self._start(position, speed)
+        if not self._on(DriverEvent.MOVE):
             raise NotReady(f"where the pusher stands is not known until it is recovered: {self.doubt}")
         self._stroke = stroke
 

@@ -33,8 +33,7 @@ class PositionMemory:
         if folder == AUTO:
             state = os.environ.get("XDG_STATE_HOME") or pathlib.Path.home() / ".local/state"
             folder = str(pathlib.Path(state) / "pushfric")
-        name = urllib.parse.quote(place, safe="")
-        self._file = pathlib.Path(folder) / f"{name}.json" if folder else None
+        self._file = pathlib.Path(folder) / f"{urllib.parse.quote(place, safe='')}.json" if folder else None
         self._kept: float | None = None  # or is about to be
         self._disk = ThreadPoolExecutor(1, "memory")
         self._writing: Future[None] | None = None
@@ -45,12 +44,11 @@ class PositionMemory:
             return None
         try:
             with open(self._file, encoding="utf-8") as file:
-                position = json.loads(file.read(LONGEST))["position"]
-            self._kept = math.nan if position is None else float(position)
+                self._kept = float(json.loads(file.read(LONGEST))["position"])
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, OverflowError):
-            self._kept = math.nan  # a damaged file says nothing
+            self._kept = math.nan  # a null, or a damaged file, says nothing
         if not math.isfinite(self._kept):
             self._kept = math.nan
         return self._kept

@@ -53,8 +53,7 @@ def check_port(path: str) -> Check:
 
 def check_controller(serial: SerialSettings, config: PusherConfig) -> tuple[Check, Limits | None]:
     """Who answers at the port, without doing anything to it; and its limits, if it is a controller at rest."""
-    pusher = SerialPusher(serial, only_look=True)
-    with contextlib.closing(pusher):
+    with contextlib.closing(SerialPusher(serial, only_look=True)) as pusher:
         try:
             pusher.connect()
             last = drive(pusher)

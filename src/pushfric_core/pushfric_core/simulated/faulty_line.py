@@ -7,7 +7,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from types import TracebackType
 
 from pushfric_core.pushers.serial_line import open_port, write_all
 from pushfric_core.simulated.serial_controller import pseudo_terminal
@@ -45,7 +44,7 @@ class FaultyLine:
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing.set()
         self._thread.join()
         self._serial.close()
@@ -84,21 +83,18 @@ class FaultyLine:
                 passed = self._filtered(self.to_controller, os.read(self._master, 4096))
                 self._for_controller.append((time.monotonic() + self.delay_to_controller, passed))
             if self._serial.fd in ready:
-                self._hear()
+                try:
+                    said = self._serial.read(4096)
+                except OSError as error:
+                    self.broken = error
+                else:
+                    self.heard(said)
+                    self.tell_host(self._filtered(self.to_host, said))
             while self._for_controller and self._for_controller[0][0] <= time.monotonic():
                 self.tell_controller(self._for_controller.popleft()[1])
             while self._for_host and self._for_host[0][0] <= time.monotonic():
                 with contextlib.suppress(BlockingIOError):  # nobody reads, and a line does not wait
                     os.write(self._master, self._for_host.popleft()[1])
-
-    def _hear(self) -> None:
-        try:
-            said = self._serial.read(4096)
-        except OSError as error:
-            self.broken = error
-            return
-        self.heard(said)
-        self.tell_host(self._filtered(self.to_host, said))
 
     def _filtered(self, filtered: Filter, data: bytes) -> bytes:
         passed = filtered(data)

@@ -177,13 +177,10 @@ class SimulatedGrbl(SerialController):
                         self._line = ""
                     case _ if byte < 0x80:
                         self._line += chr(byte)
-                self._answer_question()
-
-    def _answer_question(self) -> None:
-        # during the homing cycle GRBL does not report; after a limit it accepts only a reset
-        if self._asked and self._state != "Home" and not self._deaf:
-            self._asked = False
-            self._say(self._report())
+                # during the homing cycle GRBL does not report; after a limit it accepts only a reset
+                if self._asked and self._state != "Home" and not self._deaf:
+                    self._asked = False
+                    self._say(self._report())
 
     def _report(self) -> str:
         carriage, speed = self._now()
@@ -223,8 +220,7 @@ class SimulatedGrbl(SerialController):
         """Carry out everything that was due up to the present time; return that time [s]."""
         now = self._clock()
         while self._motion is not None:
-            end = min(now, self._motion.end)
-            carriage = self._motion.at(end)[0]
+            carriage = self._motion.at(min(now, self._motion.end))[0]
             if not -PULL_OFF <= carriage <= self._travel + PULL_OFF and self._state != "Home":
                 self.hit_limit()
                 break

@@ -6,7 +6,6 @@ import select
 import threading
 import tty
 from abc import ABC, abstractmethod
-from types import TracebackType
 from typing import Self
 
 BOOT = 0.1  # from the opening of the port to the greeting [s]
@@ -65,7 +64,10 @@ class SerialController(ABC):
         return self
 
     def close(self) -> None:
-        """Unplug, and wait for the IO thread to end."""
+        """Unplug, and wait for the IO thread to end.
+
+        The port disappears; the board has power of its own and goes on with its motion. `start` plugs it in again.
+        """
         if self._thread is not None:
             self._closing.set()
             self._thread.join()
@@ -74,11 +76,7 @@ class SerialController(ABC):
     def __enter__(self) -> Self:
         return self.start()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self.close()
-
-    def unplug(self) -> None:
-        """The port disappears; the board has power of its own and goes on with its motion. `start` plugs it in again."""
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def say(self, data: bytes) -> None:

@@ -207,8 +207,7 @@ class Course:
                 limit = max(limit, SILENT * NANOSECONDS)
             touched = pushes[bisect_right(ends, before) : bisect_left(begins, after)]
             times = [min(after, one.last.stamp) - max(before, one.first.stamp) for one in touched]
-            unseen = [(one.push_id, time) for one, time in zip(touched, times, strict=True) if time > limit]
-            if unseen:
+            if unseen := [(one.push_id, time) for one, time in zip(touched, times, strict=True) if time > limit]:
                 time = sum(time for _, time in unseen)
                 text = f"no pose came for {seconds(time)} of {_named([push_id for push_id, _ in unseen], planned)}"
                 stamp = max(before, touched[0].first.stamp)
@@ -257,8 +256,7 @@ class Course:
         """Pushes with fewer observations than the motion of the object gives; of a plan, those with none are known."""
         told = [one for one in pushes if (ended or one.after is not None) and (one.made or planned.number is None)]
         lacking = [(one.moving - config.window) // config.stride - one.made for one in told]
-        few = [(one, number) for one, number in zip(told, lacking, strict=True) if number >= max(MISSED, one.made)]
-        if few:
+        if few := [(one, number) for one, number in zip(told, lacking, strict=True) if number >= max(MISSED, one.made)]:
             made, lost = sum(one.made for one, _ in few), sum(number for _, number in few)
             names = ", ".join(_named([one.push_id], planned) for one, _ in few)
             text = f"{names} moved the object, but gave {counted(made, 'observation')}, about {lost} too few"

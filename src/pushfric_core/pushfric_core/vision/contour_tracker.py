@@ -153,8 +153,7 @@ class ContourTracker:
 
     def _misfit(self, image: Image, blob: Array) -> str:
         """How a blob (m, 2) [m] differs from the outline in size, and why that may be, in words."""
-        area = self._bright_area(image, blob)
-        larger = math.sqrt(area / self._outline.polygon.area)
+        larger = math.sqrt(self._bright_area(image, blob) / self._outline.polygon.area)
         # the blob's contour runs through the centres of its outermost coarse pixels
         grown = shapely.Polygon(blob).buffer(0.5 * self._pixel * self._shrinking, join_style="mitre")
         rim = np.asarray((grown if grown.geom_type == "Polygon" else grown.convex_hull).exterior.coords[:-1])

@@ -197,11 +197,8 @@ def edge_samples(outline: Outline, clearance: float, samples: int) -> tuple[Arra
 
 def _averages(reach_px: int, edge_px: int) -> "_Averages":
     """The averages of profiles that reach +- reach_px and are summed up over +- edge_px around the middle."""
-    count, levels, summed = (
-        2 * reach_px * _PER_PIXEL + 1,
-        min(_LEVEL_PX, reach_px - 2) * _PER_PIXEL + 1,
-        2 * edge_px * _PER_PIXEL + 1,
-    )
+    count, summed = (2 * length * _PER_PIXEL + 1 for length in (reach_px, edge_px))
+    levels = min(_LEVEL_PX, reach_px - 2) * _PER_PIXEL + 1
     weights = np.zeros((5, count), np.float32)
     weights[0, :levels] = weights[1, -levels:] = 1 / levels
     trapezoid = np.full(summed, 1 / (summed - 1))

@@ -109,8 +109,7 @@ class Device(threading.Thread):
 
     def _pictures(self, paths: list[str]) -> Iterator[Image]:
         for path in paths:
-            picture = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
-            if picture is not None:
+            if (picture := cv2.imread(path, cv2.IMREAD_GRAYSCALE)) is not None:
                 self.names.append(pathlib.Path(path).name)
                 yield picture
 

@@ -51,15 +51,12 @@ class Keyframes:
         if now.pushes != before.pushes or now.placed > before.placed or now.in_sight < before.in_sight:
             chosen.append((stamp, frame))
         if now.pushes:
-            self._hold(frame, stamp, begins=not before.pushes)
+            if not before.pushes:
+                self._every, self._count = 1, 0
+            if self._count % self._every == 0:
+                self._held.append((stamp, frame.copy()))  # a frame may share the memory of a message
+            self._count += 1
+            if len(self._held) == MOST_HELD:
+                del self._held[1::2]
+                self._every *= 2
         return chosen
-
-    def _hold(self, frame: "Image", stamp: int, begins: bool) -> None:
-        if begins:
-            self._every, self._count = 1, 0
-        if self._count % self._every == 0:
-            self._held.append((stamp, frame.copy()))  # a frame may share the memory of a message
-        self._count += 1
-        if len(self._held) == MOST_HELD:
-            del self._held[1::2]
-            self._every *= 2

@@ -149,9 +149,8 @@ def _refined(camera: Camera, image: Image, outline: Outline, pixel: float) -> Ou
         own = moved[np.isfinite(offsets) & (np.abs(normals - normal).max(axis=1) < 1e-9)]
         middle = outline.vertices[edge] + outline.edges[edge] / 2
         lines.append(_line(own, middle, normal, pixel))
-    meeting = []
-    for (p, n), (q, m) in itertools.pairwise([lines[-1], *lines]):
-        meeting.append(np.linalg.solve(np.array((n, m)), np.array((n @ p, m @ q))))
+    pairs = itertools.pairwise([lines[-1], *lines])
+    meeting = [np.linalg.solve(np.array((n, m)), np.array((n @ p, m @ q))) for (p, n), (q, m) in pairs]
     return _polygon(_simple(np.array(meeting), pixel))
 
 

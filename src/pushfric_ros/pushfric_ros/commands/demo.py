@@ -87,8 +87,7 @@ def demo(
             cell = dataclasses.replace(cell, simulation=SimulationConfig(placement_error=ASIDE))
         speed = 1.0 if play else SPEED
         specs = graph.simulated_cell(cell, str(bag), seed, speed)
-        specs = graph.with_view(specs, object_name, shown, play) if shown is not None else specs
-        specs = graph.with_planner(specs, cell.planner) if planner else specs
+        specs = graph.with_parts(specs, object_name, shown, cell.planner if planner else None, play)
         specs = specs if live or shown is not None else graph.unattended(specs)
         console.print(f"simulated cell, {object_name}, at {speed:g} times real time; recording {bag}", markup=False)
         what, known, prompts = f"pushing {object_name}", TABLE_1[object_name], shown is not None
@@ -103,8 +102,7 @@ def demo(
 
 def demo_cell(object_name: str, folder: pathlib.Path) -> CellFile:
     """The simulated cell: a camera that looks straight down on a pushing line along y; its files go to `folder`."""
-    camera = Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625)
-    save_camera(camera, folder / "camera.yaml")
+    save_camera(Camera.looking_down(640, 480, center=(0.0, 0.06), metres_per_pixel=0.000625), folder / "camera.yaml")
     pusher = PusherConfig(
         line_origin=(0.0, 0.0),
         line_direction=(0.0, 1.0),
@@ -141,20 +139,18 @@ def print_summary(name: str, msg: FrictionEstimate) -> None:
     friction = msg.contact_friction
     if np.isnan(friction.value):
         table.add_row("mu_c", f"over {friction.low:.2f}", f"{known.mu_c:.2f}", "lower bound")
+        mu_c = f"These pushes bound mu_c only from below: it is at least {friction.low:.2f} with 90 % probability."
     else:
         error = abs(friction.value - known.mu_c)
         table.add_row("mu_c", f"{friction.value:.2f}", f"{known.mu_c:.2f}", f"{error:.2f} ({100 * error / known.mu_c:.0f} %)")
+        interval = f"between {friction.low:.2f} and {friction.high:.2f} with 90 % probability"
+        mu_c = f"By the pushes that slipped, mu_c lies {interval}."
     console.print(table)
     off = float(np.hypot(*(np.array(center) - true)))
     if not np.isnan(msg.confidence):
         claim = f"the estimate claims to be within {msg.confidence * 1e3:.2f} mm of it with 90 % probability"
         console.print(f"The true p_CF is {off * 1e3:.2f} mm from the estimated one; {claim}.", highlight=False)
-    if np.isnan(friction.value):
-        bound = f"it is at least {friction.low:.2f} with 90 % probability"
-        console.print(f"These pushes bound mu_c only from below: {bound}.", highlight=False)
-    else:
-        interval = f"between {friction.low:.2f} and {friction.high:.2f} with 90 % probability"
-        console.print(f"By the pushes that slipped, mu_c lies {interval}.", highlight=False)
+    console.print(mu_c, highlight=False)
     certificate = f"no w fits better by more than {msg.gap * 1e3:.1e} mm (certified)"
     console.print(
         f"The fit error is {msg.objective * 1e3:.3f} mm, summed over the observations; {certificate}.", highlight=False

@@ -160,8 +160,7 @@ def distribution(outcomes: list[Outcome]) -> Table:
     for kind in KINDS:
         ours = [outcome for outcome in outcomes if outcome.fault == kind]
         found = [outcome.found for outcome in ours if outcome.found.get("travelled") is not None]
-        ways = sorted(one["travelled"] for one in found)
-        if ways:
+        if ways := sorted(one["travelled"] for one in found):
             chosen = (ways[len(ways) // 2], ways[(9 * len(ways)) // 10], ways[-1], found[0]["allowed"])
             wrong = sum(outcome.problem is not None for outcome in ours)
             shown.add_row(kind, str(len(ours)), *(f"{1e3 * way:.2f} mm" for way in chosen), str(wrong))

@@ -72,8 +72,7 @@ def _supervised(cell: CellFile, say: Callable[[str, str], None]) -> Iterator[tup
     ):
 
         def watch(_: PusherState) -> None:
-            ended = supervisor.poll()
-            if ended is not None:
+            if (ended := supervisor.poll()) is not None:
                 raise NotMeasured(ended.reason)
 
         with person.hearing(PusherState, "pusher_state", RELIABLE, watch):
@@ -108,8 +107,7 @@ def _go(person: Person, here: float, position: float, speed: float) -> float:
 def _still(source: Frames) -> Image:
     """The mean of some frames of a camera, from now on."""
     source.forget()
-    frames = iter(source)
-    taken = [frame for _, frame in zip(range(STALE + AVERAGED), frames, strict=False)]
+    taken = [frame for _, frame in zip(range(STALE + AVERAGED), source, strict=False)]
     if len(taken) < STALE + AVERAGED:
         raise InvalidInput(f"{source.name} has ended")
     return np.asarray(np.rint(np.mean(taken[STALE:], axis=0)), dtype=np.uint8)

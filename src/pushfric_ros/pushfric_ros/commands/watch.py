@@ -179,13 +179,12 @@ class Monitor:
         self._message = ""
         self._finished: int | None = None  # when the plan was finished [ns]
         self._plan_leads = steps is None
-        services = KEYS.values() if self._plan_leads else ()
         make = partial(
             MonitorNode,
             self._on_estimate,
             self._on_progress,
             starts_player=steps is not None,
-            services=services,
+            services=KEYS.values() if self._plan_leads else (),
             namespace=namespace,
         )
         self._visit = Visit(make, enclave(namespace, COMMAND_LINE))
@@ -309,10 +308,9 @@ class Monitor:
     def _take_keys(self) -> None:
         """Do what the operator's keys ask for, as far as the phase of the plan gives them a meaning."""
         for key in self.keys.pressed() if self.keys is not None else "":
-            meant = KEYS_OF.get(self._phase, "")
             if key == STOP:
                 self._say(press(self._namespace) or "nobody answers; use the switch at the pusher")
-            elif key in KEYS and f"[{key}]" in meant:
+            elif key in KEYS and f"[{key}]" in KEYS_OF.get(self._phase, ""):
                 self._visit.node.ask(KEYS[key], self._say)
 
     def _say(self, answer: str) -> None:

@@ -81,10 +81,10 @@ def words_of(process: "subprocess.Popen[str]") -> str:
     return (process.stdout.read().strip().splitlines() or ["nothing"])[-1]
 
 
-def end(process: "subprocess.Popen[str]") -> None:
-    """Ask a process to end, then kill it."""
+def end(process: "subprocess.Popen[str] | None") -> None:
+    """Ask a process to end, then kill it; None: there is none."""
     for number, seconds in ((signal.SIGCONT, 0.0), (signal.SIGTERM, 8.0), (signal.SIGKILL, 8.0)):
-        if process.poll() is None:
+        if process is not None and process.poll() is None:
             process.send_signal(number)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(seconds)

@@ -259,9 +259,8 @@ class Stage(contextlib.ExitStack):
             self.actuator = started(command(spec, self.namespace, self.folder), self.folder, log)
 
     def end_actuator(self) -> None:
-        if self.actuator is not None:
-            end(self.actuator)
-            self.actuator = None
+        end(self.actuator)
+        self.actuator = None
 
     @contextlib.contextmanager
     def set_up(self) -> Iterator[Self]:
@@ -281,9 +280,8 @@ class Stage(contextlib.ExitStack):
             EndedEarly: the pusher could not be brought back.
         """
         self.heal()
-        if self.client is not None:
-            end(self.client)
-            self.client = None
+        end(self.client)
+        self.client = None
         if self._changes:
             self.end_actuator()
         self.witness()
@@ -365,9 +363,8 @@ class Stage(contextlib.ExitStack):
             self.hear(Heard(when, state.position - self.position, abs(state.speed), moves))
 
     def _end_processes(self) -> None:
-        for process in (self.client, self.actuator):
-            if process is not None:
-                end(process)
+        end(self.client)
+        end(self.actuator)
 
     def _come_to_rest(self) -> None:
         """Stop the pusher whatever it does: a new connection holds the motion and discards what is queued."""

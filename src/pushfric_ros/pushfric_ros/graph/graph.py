@@ -50,6 +50,10 @@ class NodeSpec:
     def executable(self) -> str:
         return f"{self.name}_node"
 
+    def given(self, **parameters: Any) -> "NodeSpec":
+        """The same node with more parameters, or others."""
+        return replace(self, parameters={**self.parameters, **parameters})
+
 
 class Launchable(NamedTuple):
     """A graph that `ros2 launch` can start."""
@@ -115,8 +119,7 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         _seer(file, frames),
         *_movers(file, frames, bag, start),
     ]
-    reached = network.asked_for(file.discovery)
-    return [replace(spec, environment=reached) for spec in specs]
+    return [replace(spec, environment=network.asked_for(file.discovery)) for spec in specs]
 
 
 def _seer(file: CellFile, frames: Mapping[str, Any]) -> NodeSpec:
@@ -151,8 +154,7 @@ def pusher_alone(file: CellFile) -> list[NodeSpec]:
     """
     if file.pusher is None:
         raise InvalidInput("others move this cell's robot, expected the section pusher")
-    pusher = replace(file.pusher, requires=())
-    parameters = {**plain(file.frames), **plain(pusher), **plain(file.driver)}
+    parameters = {**plain(file.frames), **plain(replace(file.pusher, requires=())), **plain(file.driver)}
     return [NodeSpec("actuator", parameters, environment=network.asked_for(file.discovery))]
 
 
@@ -186,7 +188,7 @@ def simulated_cell(file: CellFile, bag: str, seed: int, speed: float, start: int
     # a simulated pusher does not outlive its run; it has no home switch, no force sensor and nobody with an enabling switch
     pusher = replace(file.pusher, memory="", home=False, max_force=0.0, enable_timeout=0.0, **slow)
     patient = replace(file, plan=plan, pusher=pusher, driver=driver)
-    specs = [_simulation(file, simulation), *map(with_simulated_time, cell(patient, bag, start))]
+    specs = [_simulation(file, simulation), *(spec.given(use_sim_time=True) for spec in cell(patient, bag, start))]
     return with_own_clock(specs, file.namespace)
 
 
@@ -273,12 +275,12 @@ def replay(
     playing = {"bag": bag, "partial": partial, "rate": rate, "topics": [*topics, *shown], "wait_for": topics, "paused": paused}
     player = NodeSpec("player", playing, ends_run=True)
     live = NodeSpec("estimator", {"object": object_name, "source": source.kind, "model": model, **settings.parameters()})
-    return with_own_clock([with_simulated_time(live), player], source.namespace)
+    return with_own_clock([live.given(use_sim_time=True), player], source.namespace)
 
 
 def unattended(specs: Sequence[NodeSpec]) -> list[NodeSpec]:
     """The same nodes of a simulated cell; nobody is there to end an alarm of the pusher, so an alarm ends the run."""
-    return [replace(spec, parameters={**spec.parameters, "attended": False}) if spec.ends_run else spec for spec in specs]
+    return [spec.given(attended=False) if spec.ends_run else spec for spec in specs]
 
 
 def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig, played: bool = False) -> list[NodeSpec]:
@@ -294,7 +296,7 @@ def with_view(specs: Sequence[NodeSpec], object_name: str, config: ViewConfig, p
     bags = [spec.parameters["bag"] for spec in specs if spec.name == "recorder"]
     left = {"report": str(pathlib.Path(bags[0], REPORT_FILE))} if bags else {}
     view = NodeSpec(VIEW, {"object": object_name, "played": played, **left, **plain(config)}, respawn=True, environment=reached)
-    return [*(_awaiting(spec, view.name) if spec.ends_run else spec for spec in specs), view]
+    return [*(spec.given(awaits=[*spec.parameters.get("awaits", []), VIEW]) if spec.ends_run else spec for spec in specs), view]
 
 
 def with_planner(specs: Sequence[NodeSpec], config: PlannerConfig) -> list[NodeSpec]:
@@ -303,22 +305,11 @@ def with_planner(specs: Sequence[NodeSpec], config: PlannerConfig) -> list[NodeS
 
 
 def with_parts(
-    specs: Sequence[NodeSpec], object_name: str, view: ViewConfig | None, planner: PlannerConfig | None
+    specs: Sequence[NodeSpec], object_name: str, view: ViewConfig | None, planner: PlannerConfig | None, played: bool = False
 ) -> list[NodeSpec]:
     """The same nodes, with a view and a planner if these are asked for."""
-    shown = [*specs] if view is None else with_view(specs, object_name, view)
+    shown = [*specs] if view is None else with_view(specs, object_name, view, played)
     return shown if planner is None else with_planner(shown, planner)
-
-
-def _awaiting(spec: NodeSpec, name: str) -> NodeSpec:
-    """The node that leads the run, which begins only when another node is well, too."""
-    awaited = spec.parameters.get("awaits", [])
-    return replace(spec, parameters={**spec.parameters, "awaits": [*awaited, name]})
-
-
-def with_simulated_time(spec: NodeSpec) -> NodeSpec:
-    """The same node, with its time from /clock."""
-    return replace(spec, parameters={**spec.parameters, "use_sim_time": True})
 
 
 def with_own_clock(specs: Sequence[NodeSpec], namespace: str) -> list[NodeSpec]:

@@ -61,8 +61,7 @@ class BodyListener:
 
     def _take(self, topic: str, msg: Any) -> None:
         try:
-            body = self._source.body(topic, msg)
-            if body is not None:
+            if (body := self._source.body(topic, msg)) is not None:
                 self._on_body(body)
                 self.problem = ""
         except ValueError as error:

@@ -42,8 +42,7 @@ class Health(NamedTuple):
 
 def without_publisher(node: Node) -> list[str]:
     """The topics that a node subscribes to without a matching publisher, except /clock and the like."""
-    prefix = node.get_namespace()
-    own = (subscription for subscription in node.subscriptions if subscription.topic_name.startswith(prefix))
+    own = (subscription for subscription in node.subscriptions if subscription.topic_name.startswith(node.get_namespace()))
     return sorted(subscription.topic_name for subscription in own if not subscription.get_publisher_count())
 
 
@@ -122,8 +121,7 @@ class Diagnostics:
         """Publish a report now, without waiting for the next second."""
         health = self._with_losses(self._report())
         name = self._node.get_fully_qualified_name()
-        figures = health.values | self._traffic()
-        values = [KeyValue(key=key, value=str(value)) for key, value in figures.items()]
+        values = [KeyValue(key=key, value=str(value)) for key, value in (health.values | self._traffic()).items()]
         status = DiagnosticStatus(level=health.level.value, name=name, hardware_id=name, message=health.message, values=values)
         msg = DiagnosticArray(status=[status])
         msg.header.stamp = self._node.get_clock().now().to_msg()

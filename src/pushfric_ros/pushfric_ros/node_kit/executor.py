@@ -61,8 +61,7 @@ class NodeExecutor(SingleThreadedExecutor):
         """
         self._go_on()
         for take, entity in self._ready(-1 if timeout_sec is None else round(timeout_sec * 1e9)):
-            call = take(entity)
-            if call is not None:
+            if (call := take(entity)) is not None:
                 self._call(call())
 
     def _take_service(self, service: Entity) -> Any:

@@ -55,10 +55,7 @@ class Losses:
     def count(self, number: int | None, publishers: Callable[[], int], now_ns: int = 0) -> None:
         """Take the publisher's number of a message that came; None if the middleware has no numbers."""
         # numbers that start again come from a restarted publisher
-        gap = number is not None and self._last is not None and number > self._last + 1
-        if self._counted and gap and publishers() == 1:
-            assert number is not None
-            assert self._last is not None
+        if self._counted and number is not None and self._last is not None and number > self._last + 1 and publishers() == 1:
             self._missing += number - self._last - 1
             self._note(now_ns)
         self._last, self._last_ns = number, now_ns

@@ -70,9 +70,7 @@ def apart() -> contextlib.AbstractContextManager[None]:
 
 def asked_for(discovery: Discovery) -> dict[str, str]:
     """The environment variables for the nodes of a cell; none if the user has set any of `VARIABLES`."""
-    if any(os.environ.get(name) for name in VARIABLES):
-        return {}
-    return {RANGE: discovery.name}
+    return {} if any(os.environ.get(name) for name in VARIABLES) else {RANGE: discovery.name}
 
 
 def for_camera_drivers() -> str | None:

@@ -90,8 +90,7 @@ class RecorderNode(Node):
         finally:  # the bag is finished before the middleware, which may hang at its end
             self._receptions = {}
             super().destroy_node()
-        lost = {name: received.losses for name, received in receptions.items() if received.losses.messages}
-        if lost:
+        if lost := {name: received.losses for name, received in receptions.items() if received.losses.messages}:
             where = ", ".join(f"{losses.messages} of {name}{self._when(losses)}" for name, losses in lost.items())
             what = f"{self._bag.folder}: messages were lost before they could be recorded: {where}"
             if any(losses.promised for losses in lost.values()):

@@ -63,7 +63,7 @@ REPORTS = 100
 class SimulatedCellConfig:
     """How the simulated camera and controller take the place of real ones."""
 
-    calibration: str = setting(REQUIRED, "path of the camera's calibration YAML")
+    calibration: str = setting(REQUIRED, "path of the camera's calibration YAML", names="the camera's calibration YAML")
     port_link: str = setting("", "path at which the controller's serial port appears; empty: a real controller")
     controller: str = setting("grbl", "the controller at that port: an entry point of the group pushfric.simulations")
     poll_rate: float = setting(20.0, "how often the actuator asks for the position [Hz]", 1.0, 100.0)
@@ -71,8 +71,6 @@ class SimulatedCellConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if not self.calibration:
-            raise ValueError("calibration must name the camera's calibration YAML, got ''")
         if self.port_link and not pathlib.Path(self.port_link).parent.is_dir():
             raise ValueError(f"port_link must be a path in an existing folder, got {self.port_link!r}")
 
@@ -192,8 +190,7 @@ class SimulatedCellNode(Node):
     def _publish_frame(self, stamp: int) -> None:
         if self._switched["unplug"]:
             return
-        frame = self._camera.render(self._object.pose if self._present else None)
-        image = image_to_msg(frame, stamp)
+        image = image_to_msg(self._camera.render(self._object.pose if self._present else None), stamp)
         self._info.header = image.header
         self._image_out.publish(image)
         self._info_out.publish(self._info)

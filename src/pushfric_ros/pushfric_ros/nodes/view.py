@@ -68,10 +68,9 @@ class ViewNode(Node):
         self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this thread to do
         self._wake = self.create_guard_condition(self._do_what_is_asked)
         shown = declare(self, ShownConfig)
-        report = shown.report
         told = self._here(self._carry_out), self._here(self._look)
-        self._server = Server(config, *told, pathlib.Path(report) if report else None)
-        self._server.show(self._story.begin() | {"report": report, "played": shown.played})
+        self._server = Server(config, *told, pathlib.Path(shown.report) if shown.report else None)
+        self._server.show(self._story.begin() | {"report": shown.report, "played": shown.played})
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came

@@ -146,8 +146,7 @@ LENS_ERROR_PX = 0.5
 def check_calibration(camera: Camera, image: Image | None, pusher: PusherConfig) -> Check:
     """The calibration, compared with the camera's picture (height, width), if there is one, and with the pushing line."""
     if image is not None and image.shape != (camera.height, camera.width):
-        got = f"{image.shape[1]} x {image.shape[0]}"
-        finding = f"made for {camera.width} x {camera.height} px, the camera gives {got}"
+        finding = f"made for {camera.width} x {camera.height} px, the camera gives {image.shape[1]} x {image.shape[0]}"
         return Check("calibration", Grade.FAILED, finding, "set the camera to that size, or calibrate it at this one")
     corners = np.array([(u, v) for u in (0, camera.width - 1) for v in (0, camera.height - 1)], dtype=float)
     off = np.abs(camera.project(camera.unproject(corners)) - corners).max()

@@ -104,8 +104,7 @@ PRIMITIVES = {"bool": "boolean", "float32": "float", "float64": "double", "byte"
 
 def check_build() -> Check:
     """Whether the interfaces are built from their present source."""
-    stale = stale_interfaces(pathlib.Path(get_package_share_directory("pushfric_msgs")))
-    if stale:
+    if stale := stale_interfaces(pathlib.Path(get_package_share_directory("pushfric_msgs"))):
         finding = f"older than the source, or not built: {', '.join(stale)}"
         return Check("build", Grade.FAILED, finding, "build the workspace again: ./pushfric setup, or colcon build")
     return Check("build", Grade.OK, "pushfric_msgs is built from its present source")
@@ -184,8 +183,7 @@ def check_multicast() -> Check:
     """Whether multicast works, by which other machines are found."""
     if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET") != "SUBNET":
         return Check("multicast", Grade.OK, "not needed: only this machine is looked for")
-    fault = multicast(1.0)
-    if fault is not None:
+    if (fault := multicast(1.0)) is not None:
         advice = "other machines will not be found; for this one alone set discovery: localhost in the cell's file"
         return Check("multicast", Grade.WARNING, f"does not work: {fault}", advice)
     return Check("multicast", Grade.OK, "works")

@@ -100,7 +100,6 @@ class OverlayDrawing:
             return
         self._time = time.monotonic()
         overlay, seen = Overlay(frame, self._camera, self._outline, self._height), watch.sighting
-        overlay.table()
         if seen is not None:
             overlay.seen(seen.pose)
         if self.ghost is not None:
@@ -125,7 +124,7 @@ FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 
 class Overlay:
-    """A picture in colours that is drawn on; all that is drawn on the table is given in the table frame [m].
+    """A picture in colours with the table's axes, to draw on; all that is drawn on the table is given in the table frame [m].
 
     Args:
         frame: the camera's picture (height, width) in grey levels.
@@ -140,9 +139,6 @@ class Overlay:
         self.picture = cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR)
         self._camera, self._outline, self._height = camera, outline, height
         self._size = max(1, round(frame.shape[1] / 640))  # of lines [px]
-
-    def table(self) -> None:
-        """The table's axes."""
         self._axes(Pose(0.0, 0.0, 0.0), 0.0)
 
     def seen(self, pose: Pose) -> None:
@@ -160,8 +156,7 @@ class Overlay:
         for begin, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
             count = max(1, round(float(np.linalg.norm(end - begin)) / DASH / 2))
             for dash in range(count):
-                ends = [begin + (dash + share) / count * (end - begin) for share in (0.0, 0.5)]
-                self._line(np.array(ends), GHOST)
+                self._line(np.array([begin + (dash + share) / count * (end - begin) for share in (0.0, 0.5)]), GHOST)
         self._axes(place, self._height, GHOST)
         if seen is not None:
             way = np.array(((seen.x, seen.y), (place.x, place.y)))
