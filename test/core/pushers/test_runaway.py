@@ -278,13 +278,15 @@ for command in (pusher.connect, lambda: pusher.move_to(float(sys.argv[2]), float
 
 def test_a_host_that_is_stopped_leaves_a_pusher_that_rests(stage):
     command = [sys.executable, "-c", CHILD, stage.line.port, str(FAR), str(SPEED)]
+    heard: list[float] = []
+    stage.line.heard = lambda data: heard.append(time.monotonic())
     with subprocess.Popen(command) as process, contextlib.ExitStack() as end:
         end.callback(process.kill)
         wait_until(lambda: stage.controller.position() > 0.01)
         process.send_signal(signal.SIGSTOP)
         begin = stage.controller.position()
         rest = stage.rest()
-        assert 0 <= rest - begin <= DEAD_MAN + LATE
+        assert 0 <= rest - begin <= DEAD_MAN + LATE + SPEED * (noticing(heard) - USUAL)
         assert stage.rest() == rest
         time.sleep(1.0)  # longer than the silence that it allows
         process.send_signal(signal.SIGCONT)  # it goes on, and moves nothing
