@@ -10,16 +10,7 @@ from matplotlib.figure import Figure
 from missing import python_without
 from problems import observations_of
 
-from pushfric_core import (
-    TABLE_1,
-    Estimator,
-    MissingPackage,
-    Observation,
-    Observations,
-    Pose,
-    Twist,
-    load,
-)
+from pushfric_core import TABLE_1, Estimator, MissingPackage, Observation, Observations, Pose, Twist, load
 from pushfric_core.bags.bag import DamagedBag
 from pushfric_core.errors import installing
 

@@ -12,11 +12,7 @@ from line_stage import DEAD_MAN, SPEED, LineStage
 from marlin_firmware import SimulatedMarlin
 
 from examples.marlin import MarlinConfig
-from pushfric_core.pushers.pusher import (
-    Halted,
-    NotConnected,
-    NotReady,
-)
+from pushfric_core.pushers.pusher import Halted, NotConnected, NotReady
 from pushfric_core.pushers.serial_pusher import SerialPusher
 from pushfric_core.pushers.stroke import Plausibility, Stroke
 from pushfric_core.simulated.faulty_line import FaultyLine, once
@@ -77,10 +73,21 @@ def test_a_stop_is_immediate_and_keeps_the_position(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize(("old", "new"), [(b"G1 X", b"G1 X9"), (b"F1200", b"F9200"), (b"G1 X", b"G1 Y")])
-def test_a_damaged_line_is_refused_and_sent_again(stage: Stage, old: bytes, new: bytes) -> None:
+@pytest.mark.parametrize("together", [False, True])
+def test_a_damaged_line_is_refused_and_sent_again(stage: Stage, old: bytes, new: bytes, together: bool) -> None:
+    """It throws away what it has received with that line: two questions, where it reads late."""
+    damage, held = once(old, new), bytearray()
+
+    def late(data: bytes) -> bytes:
+        damaged = damage(data)
+        if together and (held or damaged != data) and held.count(b"M114") < 2:
+            held.extend(damaged)
+            return bytes(held) if held.count(b"M114") == 2 else b""
+        return damaged
+
     with contextlib.closing(stage.driver()) as pusher:
         stage.under_way(pusher)
-        stage.listen(once(old, new))
+        stage.listen(late)
         reports = stage.drive(pusher, lambda: not pusher.busy)
         assert stage.controller.position() == pytest.approx(FAR, abs=STEP)
         assert max(report.position for report in reports) <= FAR + ROUNDED

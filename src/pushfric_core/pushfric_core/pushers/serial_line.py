@@ -66,6 +66,7 @@ class SerialLine:
         self.unasked = 0
         """Number of answers to no line that is known, as to one from before a reset."""
         self._unanswered: deque[tuple[str, float]] = deque()  # what was sent and when [s], where all is answered in order
+        self._reports = False  # a report has come; the question that it answers is accepted next
         self.discard()
 
     def discard(self) -> None:
@@ -127,7 +128,10 @@ class SerialLine:
         self.owed += 1
 
     def accepted(self) -> None:
-        """A line was accepted."""
+        """A line was accepted, or a question after its report."""
+        reports, self._reports = self._reports, False
+        if reports and not (self._unanswered and self._unanswered[0][0] == QUESTION):
+            return  # it was given up when the controller threw it away, or seemed to
         if not self._in_order or (self._unanswered and self._unanswered.popleft()[0] == self.pending):
             self.answered("ok")
 
@@ -169,10 +173,15 @@ class SerialLine:
 
     def report_came(self) -> None:
         """A report answers the first question that is not answered, and so all before it, where all is answered in order."""
-        while self._unanswered and self._unanswered[0][0] != QUESTION:
-            self.accepted()
-        if self._unanswered:
+        if any(what == QUESTION for what, _ in self._unanswered):
+            while self._unanswered[0][0] != QUESTION:
+                self.accepted()
             self.silent_since = self._unanswered[0][1]
+        self._reports = self._in_order
+
+    def threw_away(self) -> None:
+        """The controller refused a line, and perhaps threw away the questions that had come with it."""
+        self._unanswered = deque(one for one in self._unanswered if one[0] != QUESTION)
 
     def misheard(self) -> None:
         """The report that came cannot be true: ask again at once."""

@@ -162,6 +162,7 @@ class SerialPusher(Driver):
             case Answer(refusal, passing, resend):
                 if resend is not None:
                     self.line.number = resend - 1
+                    self.line.threw_away()
                 if not refusal:
                     self.line.accepted()
                 else:

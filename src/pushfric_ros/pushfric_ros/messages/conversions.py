@@ -33,11 +33,7 @@ from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import CAMERA, OBJECT, Pose, check_unit
-from pushfric_core.mechanics.limit_surface import (
-    ellipsoid_error,
-    named_ellipsoid,
-    surface_samples,
-)
+from pushfric_core.mechanics.limit_surface import ellipsoid_error, named_ellipsoid, surface_samples
 from pushfric_core.mechanics.prediction import FrictionModel
 from pushfric_core.mechanics.quasi_static import ContactMode
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, LARGEST, check_within
@@ -53,12 +49,8 @@ from pushfric_msgs.msg import (
     Recognition,
     TestPush,
 )
-from pushfric_msgs.msg import (
-    FrictionModel as FrictionModelMsg,
-)
-from pushfric_msgs.msg import (
-    Observation as ObservationMsg,
-)
+from pushfric_msgs.msg import FrictionModel as FrictionModelMsg
+from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.srv import PredictPush, PredictStroke
 from pushfric_ros.messages.types import message_class
 
