@@ -142,5 +142,5 @@ class ChosenSettings:
             trajectory = dataclasses.replace(recorded.trajectory, pose_lag=lag)
         slipping = tuple(sorted({*recorded.slipping, *self.slipping}))
         kept = tuple(sorted({*recorded.kept, *self.kept}))
-        settings = dataclasses.replace(recorded, excluded=tuple({*recorded.excluded} - {*self.kept})).without(self.excluded)
-        return dataclasses.replace(settings, estimator=config, trajectory=trajectory, slipping=slipping, kept=kept)
+        settings = dataclasses.replace(recorded, estimator=config, trajectory=trajectory, slipping=slipping, kept=kept)
+        return dataclasses.replace(settings, excluded=tuple(sorted({*recorded.excluded} - {*self.kept} | {*self.excluded})))

@@ -83,18 +83,21 @@ class FaultyLine:
                 passed = self._filtered(self.to_controller, os.read(self._master, 4096))
                 self._for_controller.append((time.monotonic() + self.delay_to_controller, passed))
             if self._serial.fd in ready:
-                try:
-                    said = self._serial.read(4096)
-                except OSError as error:
-                    self.broken = error
-                else:
-                    self.heard(said)
-                    self.tell_host(self._filtered(self.to_host, said))
+                self._hear()
             while self._for_controller and self._for_controller[0][0] <= time.monotonic():
                 self.tell_controller(self._for_controller.popleft()[1])
             while self._for_host and self._for_host[0][0] <= time.monotonic():
                 with contextlib.suppress(BlockingIOError):  # nobody reads, and a line does not wait
                     os.write(self._master, self._for_host.popleft()[1])
+
+    def _hear(self) -> None:
+        try:
+            said = self._serial.read(4096)
+        except OSError as error:
+            self.broken = error
+            return
+        self.heard(said)
+        self.tell_host(self._filtered(self.to_host, said))
 
     def _filtered(self, filtered: Filter, data: bytes) -> bytes:
         passed = filtered(data)

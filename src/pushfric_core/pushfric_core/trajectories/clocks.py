@@ -82,11 +82,11 @@ class Clocks:
 
     def _take_at_once(self) -> None:
         """Take the samples that were received at one time."""
-        for delays, stamps in zip(self._streams, self._at_once, strict=True):
-            if sum(delays.add(stamp, self._received) for stamp in stamps):
-                self._open.append(self._received)
-        while self._open and (all(one.after(self._open[0]) >= MOST for one in self._streams) or len(self._open) > LONGEST_WAIT):
-            self._found = self._larger(self._found, self._open.pop(0))
+        streams = zip(self._streams, self._at_once, strict=True)
+        if sum(delays.add(stamp, self._received) for delays, stamps in streams for stamp in stamps):
+            self._open.append(self._received)
+            while all(one.after(self._open[0]) >= MOST for one in self._streams) or len(self._open) > LONGEST_WAIT:
+                self._found = self._larger(self._found, self._open.pop(0))
 
     @property
     def step(self) -> ClockStep | None:

@@ -78,8 +78,8 @@ def disagreements(result: Result, live: FrictionEstimate | None, planned: int, a
         said.append(f"the live estimate is of {live.object}, what is written here of {result.estimation.model.name}")
     if counts != live_counts:
         said.append(
-            "one of bag and live estimate missed messages: it has {} observations of {} pushes, the bag {} of {}; "
-            "read the bag with ./pushfric estimate {}".format(*live_counts, *counts, bag)
+            "one of bag and live estimate missed messages, or the estimate was begun again: it has {} observations of {} "
+            "pushes, the bag {} of {}; read the bag with ./pushfric estimate {}".format(*live_counts, *counts, bag)
         )
     return said
 

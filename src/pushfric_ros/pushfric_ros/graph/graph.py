@@ -119,7 +119,8 @@ def cell(file: CellFile, bag: str, start: int = 1) -> list[NodeSpec]:
         _seer(file, frames),
         *_movers(file, frames, bag, start),
     ]
-    return [replace(spec, environment=network.asked_for(file.discovery)) for spec in specs]
+    reached = network.asked_for(file.discovery)
+    return [replace(spec, environment=reached) for spec in specs]
 
 
 def _seer(file: CellFile, frames: Mapping[str, Any]) -> NodeSpec:

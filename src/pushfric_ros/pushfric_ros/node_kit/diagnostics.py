@@ -42,7 +42,8 @@ class Health(NamedTuple):
 
 def without_publisher(node: Node) -> list[str]:
     """The topics that a node subscribes to without a matching publisher, except /clock and the like."""
-    own = (subscription for subscription in node.subscriptions if subscription.topic_name.startswith(node.get_namespace()))
+    prefix = node.get_namespace()
+    own = (subscription for subscription in node.subscriptions if subscription.topic_name.startswith(prefix))
     return sorted(subscription.topic_name for subscription in own if not subscription.get_publisher_count())
 
 

@@ -58,7 +58,7 @@ class LiveEstimation:
 
     @property
     def pushes(self) -> set[int]:
-        """The pushes so far, by what came of them."""
+        """The pushes that pusher states or observations have told of so far."""
         return self.maker.trajectory.pushes | {observation.push_id for observation in self.made}
 
     @property
