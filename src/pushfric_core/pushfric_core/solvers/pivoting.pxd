@@ -15,12 +15,12 @@ cdef class State:
     cdef double[:, ::1] a, gradient, inverse, slopes
     cdef double[:, :, ::1] cost
     cdef double[::1] value, side, settled, x, dual
-    cdef double[::1] direction, place, moved, row, residual, total, multipliers, correction, change, distance, speed
+    cdef double[::1] direction, row, residual, total, multipliers, correction, entering, change, distance, speed
 
 
 cdef class Ball:
     cdef double[:, ::1] metric
-    cdef double[::1] center
+    cdef double[::1] center, place, moved
     cdef readonly double radius
 
 
@@ -48,16 +48,17 @@ cpdef void sum_gradients(State state) noexcept
 
 # ---- the present vertex
 
-@cython.locals(squares=double, component=double)
 cpdef bint holds(Ball ball, double[::1] x, double reach) noexcept
+
+cdef double move_to(Ball ball, double[::1] x) noexcept
 
 cdef void transform(double[:, ::1] metric, double[::1] v, double[::1] out) noexcept
 
 @cython.locals(
-    a=double[:, ::1], nonzero=int64_t[::1], size=Py_ssize_t, whole=Py_ssize_t, j=Py_ssize_t, j_2=Py_ssize_t, j_3=Py_ssize_t,
-    j_4=Py_ssize_t, d=double, d_2=double, d_3=double, d_4=double,
+    nonzero=int64_t[::1], size=Py_ssize_t, whole=Py_ssize_t, j=Py_ssize_t, j_2=Py_ssize_t, j_3=Py_ssize_t, j_4=Py_ssize_t,
+    d=double, d_2=double, d_3=double, d_4=double,
 )
-cdef void evaluate(State state, double[::1] direction, double[::1] out) noexcept
+cdef void combine(State state, double[::1] factors, double[:, ::1] matrix, Py_ssize_t count, double[::1] out) noexcept
 
 @cython.locals(x=double[::1], error=double[::1], wrong=double, consistent=bint, hard=bint)
 cpdef bint locate(State state, double tolerance) noexcept
@@ -82,7 +83,6 @@ cdef Py_ssize_t choose(State state, int phase, bint level, double flat) noexcept
 @cython.locals(total=double)
 cdef double norm(double[::1] vector) noexcept
 
-@cython.locals(g=double)
 cdef void price(State state, int phase, double[::1] slopes) noexcept
 
 @cython.locals(slopes=double[::1], largest=double, smallest=double)
@@ -98,7 +98,7 @@ cdef double ratio_test(State state, Ball ball, Py_ssize_t edge, int phase, bint 
 @cython.locals(k=int64_t, distance=double, speed=double)
 cdef void swap(State state, Py_ssize_t p, Py_ssize_t q) noexcept
 
-@cython.locals(a=double[:, ::1], inverse=double[:, ::1], row=double[::1], factor=double, pivot=double, column=double)
+@cython.locals(a=double[:, ::1], inverse=double[:, ::1], row=double[::1], pivot=double, column=double)
 cdef void exchange(State state, Py_ssize_t i, Py_ssize_t entering) noexcept
 
 cdef void perturb(State state, double shift) noexcept

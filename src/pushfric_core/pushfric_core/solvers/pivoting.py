@@ -76,8 +76,8 @@ class State:
         self.gradient, self.active, self.inverse, self.x, self.dual = conditions[6:]
         n, room = len(conditions.x), len(conditions.value)
         # room for intermediate results
-        self.direction, self.place, self.moved, self.row, self.residual = np.empty((5, n))
-        self.total, self.multipliers, self.correction = np.empty((3, n))
+        self.direction, self.row, self.residual, self.total = np.empty((4, n))
+        self.multipliers, self.correction, self.entering = np.empty((3, n))
         self.slopes = np.empty((2, 2 * n))
         self.change, self.distance, self.speed = np.empty((3, room))
         self.ahead, self.nonzero = np.empty(room, np.int64), np.empty(n, np.int64)
@@ -97,6 +97,7 @@ class Ball:
 
     def __init__(self, metric: Array, center: Array, radius: float) -> None:
         self.metric, self.center, self.radius = metric, center, radius
+        self.place, self.moved = np.empty((2, len(center)))
 
     def __reduce__(self) -> tuple[type["Ball"], tuple[Array, Array, float]]:
         return Ball, (np.asarray(self.metric), np.asarray(self.center), self.radius)
@@ -187,15 +188,15 @@ def sum_gradients(state: State) -> None:
 
 def holds(ball: Ball, x: Array, reach: float) -> bool:
     """Whether x lies in the ball with its radius multiplied by this factor."""
-    if ball.radius == inf:
-        return True
-    squares = 0.0
-    for i in range(len(x)):
-        component = 0.0
-        for j in range(i, len(x)):
-            component += ball.metric[j, i] * (x[j] - ball.center[j])
-        squares += component * component
-    return math.sqrt(squares) <= reach * ball.radius
+    return ball.radius == inf or move_to(ball, x) <= reach * ball.radius
+
+
+def move_to(ball: Ball, x: Array) -> float:
+    """Set `ball.place` to that of x, metric' (x - center), and return its length."""
+    for j in range(len(x)):
+        ball.moved[j] = x[j] - ball.center[j]
+    transform(ball.metric, ball.moved, ball.place)
+    return norm(ball.place)
 
 
 def transform(metric: Array, v: Array, out: Array) -> None:
@@ -207,12 +208,12 @@ def transform(metric: Array, v: Array, out: Array) -> None:
             out[i] += metric[j, i] * v[j]
 
 
-def evaluate(state: State, direction: Array, out: Array) -> None:
-    """a . direction of every condition. Walks spend half of their time here, hence four components in one pass."""
-    count, a, nonzero = state.count, state.a, state.nonzero
+def combine(state: State, factors: Array, matrix: Array, count: int, out: Array) -> None:
+    """factors' matrix, of its first `count` columns. Nearly all time is spent here, hence four rows in one pass."""
+    nonzero = state.nonzero
     size = 0
-    for j in range(len(direction)):
-        if direction[j] != 0:
+    for j in range(len(factors)):
+        if factors[j] != 0:
             nonzero[size] = j
             size += 1
     for k in range(count):
@@ -220,14 +221,14 @@ def evaluate(state: State, direction: Array, out: Array) -> None:
     whole = size - size % 4
     for p in range(0, whole, 4):
         j, j_2, j_3, j_4 = nonzero[p], nonzero[p + 1], nonzero[p + 2], nonzero[p + 3]
-        d, d_2, d_3, d_4 = direction[j], direction[j_2], direction[j_3], direction[j_4]
+        d, d_2, d_3, d_4 = factors[j], factors[j_2], factors[j_3], factors[j_4]
         for k in range(count):
-            out[k] = out[k] + d * a[j, k] + d_2 * a[j_2, k] + d_3 * a[j_3, k] + d_4 * a[j_4, k]
+            out[k] = out[k] + d * matrix[j, k] + d_2 * matrix[j_2, k] + d_3 * matrix[j_3, k] + d_4 * matrix[j_4, k]
     for p in range(whole, size):
         j = nonzero[p]
-        d = direction[j]
+        d = factors[j]
         for k in range(count):
-            out[k] += d * a[j, k]
+            out[k] += d * matrix[j, k]
 
 
 def locate(state: State, tolerance: float) -> bool:
@@ -257,7 +258,7 @@ def locate(state: State, tolerance: float) -> bool:
             x[j] -= state.inverse[j, state.nonzero[p]] * error[state.nonzero[p]]
         if abs(x[j]) < ZERO:
             x[j] = 0.0
-    evaluate(state, x, state.value)
+    combine(state, x, state.a, count, state.value)
     consistent = True
     for k in range(count):
         wrong = -state.side[k] * state.value[k]
@@ -332,9 +333,7 @@ def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shif
         False if it stopped because the edge to follow leads too far out of the ball, or is turned by a settled row.
     """
     if ball.radius != inf:
-        for j in range(len(state.x)):
-            state.moved[j] = state.x[j] - ball.center[j]
-        transform(ball.metric, state.moved, state.place)
+        move_to(ball, state.x)
     stalled = 0
     while state.updates < REFRESH:
         edge = choose(state, phase, level, flat)
@@ -379,13 +378,7 @@ def norm(vector: Array) -> float:
 def price(state: State, phase: int, slopes: Array) -> None:
     """The slope of every edge (2n,), upwards and downwards."""
     n = len(state.active)
-    for i in range(n):
-        slopes[i] = 0.0
-    for j in range(n):
-        g = state.gradient[phase, j]
-        if g != 0:
-            for i in range(n):
-                slopes[i] += g * state.inverse[j, i]
+    combine(state, state.gradient[phase], state.inverse, n, slopes)
     for i in range(n):
         slopes[n + i] = state.cost[phase, 1, state.active[i]] - slopes[i]
         slopes[i] += state.cost[phase, 0, state.active[i]]
@@ -409,7 +402,7 @@ def ratio_test(state: State, ball: Ball, edge: int, phase: int, firm: bool) -> f
     """Move along a descending edge to the condition that turns it upwards, and exchange; the length of the step.
 
     It is NO_STEP, and nothing has changed, if that condition is too far out of the ball, or if nothing turns the edge.
-    `state.place`, metric' (x - center of the ball), moves along.
+    `ball.place` moves along.
 
     Args:
         firm: hard rows are met and must stay met.
@@ -420,7 +413,7 @@ def ratio_test(state: State, ball: Ball, edge: int, phase: int, firm: bool) -> f
     change, distance, speed, ahead = state.change, state.distance, state.speed, state.ahead
     for j in range(n):
         state.direction[j] = upwards * state.inverse[j, i]
-    evaluate(state, state.direction, change)
+    combine(state, state.direction, state.a, count, change)
     size = 0
     for k in range(count):
         approach = -state.side[k] * change[k]
@@ -464,13 +457,12 @@ def ratio_test(state: State, ball: Ball, edge: int, phase: int, firm: bool) -> f
             nearest = p
     step: float = distance[nearest]
     if ball.radius != inf:
-        transform(ball.metric, state.direction, state.moved)
+        transform(ball.metric, state.direction, ball.moved)
         for j in range(n):
-            state.moved[j] = state.place[j] + step * state.moved[j]
-        if norm(state.moved) > REACH * ball.radius:
+            ball.moved[j] = ball.place[j] + step * ball.moved[j]
+        if norm(ball.moved) > REACH * ball.radius:
             return NO_STEP
-        for j in range(n):
-            state.place[j] = state.moved[j]
+        ball.place[:] = ball.moved
     for k in range(count):
         state.value[k] += step * change[k]
     for p in range(crossed):
@@ -497,13 +489,9 @@ def exchange(state: State, i: int, entering: int) -> None:
     state.active[i] = entering
     state.updates += 1
     row = state.row
-    for p in range(n):
-        row[p] = 0.0
     for j in range(n):
-        factor = a[j, entering]
-        if factor != 0:
-            for p in range(n):
-                row[p] += factor * inverse[j, p]
+        state.entering[j] = a[j, entering]
+    combine(state, state.entering, inverse, n, row)
     pivot = row[i]
     row[i] = 0.0
     for j in range(n):
@@ -537,13 +525,9 @@ def bounds(state: State, weights: int) -> tuple[float, float, float]:
         y[j] = 0.0
         total[j] = state.gradient[FIT, j]
     for _ in range(2):  # the second time for the rounding of the first
+        combine(state, total, state.inverse, n, correction)
         for i in range(n):
-            correction[i] = 0.0
-        for j in range(n):
-            if total[j] != 0:
-                for i in range(n):
-                    correction[i] -= total[j] * state.inverse[j, i]
-        for i in range(n):
+            correction[i] = -correction[i]
             y[i] += correction[i]
         add_active(state, correction, total)
     for i in range(n):
