@@ -1,7 +1,6 @@
 """A controller on a line that can fail, for the tests of what its driver does when something breaks."""
 
 import contextlib
-import math
 import time
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -24,7 +23,7 @@ class LineStage:
     """A controller that goes on running whoever connects and leaves, behind a line that can fail."""
 
     config: type[SerialSettings]
-    patience: ClassVar[dict[str, Any]] = {"silence": 10.0}
+    patience: ClassVar[dict[str, Any]] = {"silence": 10.0, "connect_timeout": 20.0}
     """Settings for a busy machine, on which a pseudo-terminal may deliver nothing for 2 s."""
 
     def __init__(self, controller: Any, line: FaultyLine) -> None:
@@ -69,7 +68,7 @@ class LineStage:
     def rest(self) -> float:
         """Where the carriage comes to rest [m]."""
         deadline = time.monotonic() + 60
-        before, here = math.nan, self.controller.position()
+        before, here = None, self.controller.position()
         while before != here:
             assert time.monotonic() < deadline, "it does not come to rest"
             time.sleep(0.05)

@@ -4,7 +4,6 @@ import contextlib
 import random
 import time
 from collections.abc import Callable, Iterator
-from typing import ClassVar
 
 import pytest
 from calls import wait_until
@@ -27,7 +26,6 @@ class Stage(LineStage):
     """A Marlin controller on a line that can fail; the stage hears what is sent."""
 
     config = MarlinConfig
-    patience: ClassVar = {"silence": 10.0, "connect_timeout": 20.0}
 
     def __init__(self, controller: SimulatedMarlin, line: FaultyLine) -> None:
         super().__init__(controller, line)

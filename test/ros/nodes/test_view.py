@@ -197,6 +197,14 @@ def test_what_is_left_out_stays_when_estimation_starts_again(cell):
     visitor.close()
 
 
+def test_each_kind_of_message_that_cannot_be_shown_is_in_the_log(cell, capfd):
+    log = []
+    cell.observations.publish(Observation())  # without a normal
+    cell.settings.publish(String(data="nothing of the kind"))
+    for kind in ("Observation not shown", "String not shown"):
+        cell.ros.wait_for(lambda kind=kind: log.append(capfd.readouterr().err) or kind in "".join(log), PATIENCE, kind)
+
+
 def test_requests_reach_their_services_and_their_answers_the_visitor(cell):
     stopped, excluded, kept = [], [], []
 

@@ -74,6 +74,7 @@ class ViewNode(Node):
         self._watched: list[Subscription] = []  # what is received only while somebody looks
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
+        self._unshown: set[type] = set()  # types of the messages of which the log says so
         wall_timer(self, UNSEEN_PERIOD, self._read)
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
         self._hand_out = self.create_publisher(PoseStamped, "hand", RELIABLE)
@@ -116,7 +117,9 @@ class ViewNode(Node):
             try:
                 change = told(msg)
             except (ValueError, PushfricError) as error:
-                self.get_logger().error(f"{type(msg).__name__} not shown: {error}", once=True)
+                if type(msg) not in self._unshown:  # the logger's own `once` would be for messages of all types together
+                    self._unshown.add(type(msg))
+                    self.get_logger().error(f"{type(msg).__name__} not shown: {error}")
             else:
                 self._server.show(change)
 
