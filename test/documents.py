@@ -54,7 +54,6 @@ def blocks(page: str) -> list[Block]:
             names = re.findall(r"`([\w./]+\.(?:yaml|csv))`", sentence)
             name = re.match(r"# (\w+\.yaml)", begin)
             file = name[1] if name else names[-1] if names and names[-1].endswith(token.info or "-") else ""
-            assert token.map is not None
             found.append(Block(page, token.map[0] + 1, token.info, token.content, file))
             sentence = ""
     return found

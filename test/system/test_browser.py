@@ -295,7 +295,6 @@ def edited(folder: pathlib.Path, *options: str):
         contextlib.ExitStack() as end,
     ):
         end.callback(editor.kill)
-        assert editor.stderr is not None
         yield editor, editor.stderr.readline().split()[1]
 
 

@@ -109,7 +109,6 @@ def run(tmp_path):
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process, contextlib.ExitStack() as end:
         end.callback(process.wait, PATIENCE)
         end.callback(process.terminate)
-        assert process.stderr is not None
         url = next(line.split()[1] for line in process.stderr if line.startswith("view: http"))
         threading.Thread(target=lambda: print(process.stderr.read())).start()  # pytest shows it if the test fails
         yield url, process

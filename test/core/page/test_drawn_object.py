@@ -41,8 +41,9 @@ def test_only_what_is_drawn_changes_in_the_file(file):
     wider = [[-0.07, -0.04], *OUTLINE[1:]]
     drawn.take(drawing(wider, points=[[-0.05, 0.0], [0.05, 0.012345678]]))
     assert file.read_text() == FILE
+    file.write_text(FILE.replace("steel", "brass"))  # by another hand, while the page is open
     assert str(file) in drawn.save()
-    assert "# of steel" in file.read_text()
+    assert "# of brass" in file.read_text()
     model = load_object(str(file))
     assert (model.name, model.height) == ("plate", 0.02)
     np.testing.assert_array_equal(model.outline.vertices, wider)

@@ -129,7 +129,6 @@ def test_view_serves_the_page_on_this_machine_alone():
 
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as view:
         try:
-            assert view.stderr is not None
             url = next(line.split()[1] for line in view.stderr if line.startswith("view: "))
 
             def answer(host: str, page: str = "/", status: int = http.HTTPStatus.OK) -> str:

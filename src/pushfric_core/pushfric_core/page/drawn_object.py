@@ -213,6 +213,7 @@ class DrawnObject:
         Raises:
             InvalidInput: what is drawn is no object, or the file cannot be written.
         """
+        self._check()  # what else the file says may have changed
         if self.model is None:
             raise InvalidInput(self.problem)
         write_whole(self._target, self._text)
