@@ -35,6 +35,7 @@ PRELOADED = (
     "pushfric_core.files.object_file",
     "pushfric_core.cell.node_settings",
     "pushfric_ros.messages.conversions",
+    "numpy.ma",  # which np.median loads when it is first called
 )
 """Modules that the server imports because several nodes need them.
 

@@ -17,16 +17,19 @@ from pushfric_core.bags.run_record import PLAN
 from pushfric_core.belief.symptoms import tip_stays_away
 from pushfric_core.cell.node_settings import EstimatorInput, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.estimation.estimate_report import EstimateReport
+from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import check_name, make_model, prior, save_model
 from pushfric_core.files.object_file import load_object
+from pushfric_core.geometry.planar import Twist
 from pushfric_core.trajectories.observation import Observation
 from pushfric_core.trajectories.stream import LONGEST_END_SKEW
 from pushfric_core.wording import data_of
 from pushfric_msgs.msg import Observation as ObservationMsg
 from pushfric_msgs.msg import PlanProgress, PusherState
 from pushfric_msgs.srv import SelectObject, SelectPush
-from pushfric_ros.messages.conversions import observation_to_msg
+from pushfric_ros.messages.conversions import estimate_to_msg, observation_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics, Health, Level, without_publisher
 from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.parameters import declare
@@ -71,8 +74,7 @@ class EstimatorNode(Node):
             self._begin(model.object, 0)
         else:
             self._begin(self._resumption.start.object)
-        # the compiled solver is loaded now, not with the first observation
-        self._settings.new_estimator(self._now.object.support_points).estimate()
+        self._rehearse()
         self._observations_out = self._recorder = None
         Heartbeat(self)
         if config.source is EstimatorInput.OBSERVATIONS:
@@ -121,6 +123,13 @@ class EstimatorNode(Node):
                 save_model(make_model(now.object, now.online.estimate, made_from, now.settings), pathlib.Path(models.save))
         finally:
             super().destroy_node()
+
+    def _rehearse(self) -> None:
+        """Load what an estimate needs now, not with the first observation: the solver, and what works when it is first used."""
+        points = self._now.object.support_points
+        self._settings.new_estimator(points).estimate()
+        pushed = Observation((0.0, 0.0), (1.0, 0.0), Twist(-0.01, 0.0, 0.0), tip_velocity=(-0.01, 0.0))
+        estimate_to_msg(EstimateReport.of(Estimator(points).add(pushed), "", None))
 
     def _interrupted(self) -> "Resumption | None":
         """The remains of an estimator that died in this run; None if this is the run's first estimator."""
