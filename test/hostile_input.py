@@ -467,7 +467,6 @@ def _model_message() -> FrictionModel:
 @functools.cache
 def _known() -> Known:
     known = Known.of(_model_message())
-    assert known.model is not None
     return known
 
 

@@ -34,7 +34,6 @@ def test_every_import_is_allowed(capsys, monkeypatch):
 @pytest.mark.parametrize("room", ROOMS)
 def test_architecture_describes_every_room_as_its_package_does(room):
     said = importlib.import_module(room).__doc__
-    assert said is not None
     assert (room.rpartition(".")[2], said.splitlines()[0]) in ROWS
 
 

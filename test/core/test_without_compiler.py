@@ -9,8 +9,8 @@ import sys
 import pytest
 
 PACKAGE = "pushfric_core"
-PIVOTING, MOTIONS, BELIEFS = (
-    f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation", "belief.inner_loops")
+PIVOTING, MOTIONS, BELIEFS, SLIDES = (
+    f"{PACKAGE}.{name}" for name in ("solvers.pivoting", "mechanics.least_dissipation", "belief.inner_loops", "program.sliding")
 )
 
 AS_PYTHON = """
@@ -83,10 +83,17 @@ for seen in (False, True):
     print("believed", *(one.tobytes().hex() for one in (model.w, model.mu_c, model.covariance)))
 """
 
+SLIDING = """
+import numpy as np
+from pushfric_core.program.contact_friction import Tip
+print("slides", Tip(*np.random.default_rng(3).normal(0, 0.1, (3, 60)), np.arange(60) // 5).directions.tobytes().hex())
+"""
+
 CASES = [
     (PIVOTING, SOLVING, "the solver is", "(?i)optimal", 201),
     (MOTIONS, MOVING, "predictions are", " 0 1 2\n", 6),  # all modes, for each object
     (BELIEFS, BELIEVING, "beliefs are", "believed", 2),  # of contacts and of tips
+    (SLIDES, SLIDING, "slips are", "slides", 1),
 ]
 
 

@@ -88,8 +88,7 @@ def told_again(
             number, (observation, estimate) = ahead.popleft()
             belief = estimate.belief if number in believed else belief
             change = story.on_observation(observation)
-            bounds = BoundsReport.of(estimate, with_slips=False)
-            change |= story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief, bounds=bounds))
+            change |= story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief))
             del change["estimate"]  # the last is told already
             yield change, b""
         if name == KEYFRAMES:

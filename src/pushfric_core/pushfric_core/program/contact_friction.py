@@ -9,20 +9,15 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from pushfric_core.errors import warn_unless_compiled
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, velocity_at
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, velocity_at
 from pushfric_core.geometry.support import SupportForces
+from pushfric_core.program import sliding
 from pushfric_core.records import comparable
 from pushfric_core.trajectories.observation import Observation
 
-SLIP_TOLERANCE = 0.05
-"""A tip counts as sliding only if its velocity along the edge, relative to the object, exceeds this share of its speed ..."""
-
-MISMATCHES = 2.0
-"""... and this many times its median apparent velocity across the edge: the tip cannot move there, so that is an error."""
-
-SURELY = 3.0
-"""A push slips only if the tip slides this many times as far as tips usually seem to move across the edge within a push."""
+warn_unless_compiled(sliding, "slips are")
 
 ROUNDING = 1e-12
 """A part of a force that is smaller than this share of the other is 0: its sign, and what is divided by it, is chance."""
@@ -115,7 +110,7 @@ class Tip:
     def tolerance(self) -> float:
         """The slip beyond which a tip counts as sliding."""
         seen = np.abs(self.mismatch[np.isfinite(self.mismatch)])
-        return max(SLIP_TOLERANCE, MISMATCHES * float(np.median(seen))) if len(seen) else SLIP_TOLERANCE
+        return max(sliding.SLIP_TOLERANCE, sliding.MISMATCHES * sliding.median(seen)) if len(seen) else sliding.SLIP_TOLERANCE
 
     @cached_property
     def directions(self) -> Array:
@@ -129,24 +124,9 @@ class Tip:
         directions = np.full(len(self.slip), np.nan)
         seen = np.flatnonzero(np.isfinite(self.slip))
         seen = seen[np.argsort(self.push[seen], kind="stable")]
-        if not len(seen):
-            return directions
-        slip, tolerance = self.slip[seen], self.tolerance
-        begins = _begins(self.push[seen])
-        usual = float(np.median(_farthest(self.mismatch[seen], begins)))
-        found = np.zeros(len(seen))
-        best = np.zeros(len(begins))  # of each push
-        for direction in (1.0, -1.0):
-            excess, inside = _longest_rise(direction * slip - tolerance, begins)
-            travelled = np.add.reduceat(np.where(inside, direction * slip, 0.0), begins)
-            better = (excess > best) & (travelled > SURELY * usual)
-            best[better] = excess[better]
-            of_push = np.repeat(better, _sizes(begins, len(seen)))
-            found[of_push] = np.where(inside, direction, 0.0)[of_push]
-        begins = _begins(self.push[seen], found)
-        count = _sizes(begins, len(seen))
-        still = _farthest(slip, begins) <= np.maximum(MISMATCHES * usual, SLIP_TOLERANCE * count)
-        directions[seen] = np.where(found != 0, found, np.where(np.repeat(still, count), 0.0, np.nan))
+        if len(seen):
+            ends = np.append(np.flatnonzero(np.diff(self.push[seen])) + 1, len(seen))
+            directions[seen] = sliding.directions_of(self.slip[seen], self.mismatch[seen], ends, self.tolerance)
         return directions
 
     def bounds(self, forces: ContactForces, w: Array) -> Array:
@@ -173,44 +153,3 @@ def tip_at(observation: Observation) -> tuple[float, float, float, float]:
     if observation.force is not None and (pressed := abs(float(np.asarray(observation.force) @ normal))) > 0:
         sensed = float(np.asarray(observation.force) @ along) / pressed
     return slip, mismatch, sensed, float(observation.push_id)
-
-
-def _begins(*keys: Array) -> Indices:
-    """The index of the first row of each run of rows with equal keys (m,)."""
-    changes = np.any([key[1:] != key[:-1] for key in keys], axis=0)
-    return np.concatenate(([0], np.flatnonzero(changes) + 1))
-
-
-def _sizes(begins: Indices, total: int) -> Indices:
-    """The number of rows in each group, of a total number of rows."""
-    return np.diff(np.append(begins, total))
-
-
-def _summed(values: Array, begins: Indices) -> tuple[Array, Indices]:
-    """Sums of the first 0, 1, ... values of each group (m + groups,), and where each group begins in them."""
-    starts = begins + np.arange(len(begins))
-    steps = np.insert(values, begins, 0.0)
-    sums = np.cumsum(steps)
-    return sums - np.repeat(sums[starts], _sizes(starts, len(steps))), starts
-
-
-def _farthest(values: Array, begins: Indices) -> Array:
-    """The largest absolute sum of consecutive values in each group."""
-    sums, starts = _summed(values, begins)
-    return np.asarray(np.maximum.reduceat(sums, starts) - np.minimum.reduceat(sums, starts))
-
-
-def _longest_rise(values: Array, begins: Indices) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """The largest sum of consecutive values in each group, and which values (m,) belong to it."""
-    sums, starts = _summed(values, begins)
-    group = np.repeat(np.arange(len(starts)), _sizes(starts, len(sums)))
-    # each group lies below all before it, so that the least sum so far is one of its own
-    lowered = sums - group * (1.0 + float(np.ptp(sums)))
-    least = np.minimum.accumulate(lowered)
-    place = np.arange(len(sums))
-    rise = lowered - least
-    highest = np.maximum.reduceat(rise, starts)
-    top = np.minimum.reduceat(np.where(rise == highest[group], place, len(sums)), starts)
-    bottom = np.maximum.accumulate(np.where(lowered == least, place, 0))[top]
-    inside = (place > bottom[group]) & (place <= top[group])
-    return np.asarray(highest), np.delete(inside, starts)

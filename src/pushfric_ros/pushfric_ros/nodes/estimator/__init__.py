@@ -18,7 +18,6 @@ from pushfric_core.belief.symptoms import tip_stays_away
 from pushfric_core.cell.node_settings import EstimatorInput, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.estimation.estimate_report import EstimateReport
-from pushfric_core.estimation.estimator import Estimator
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import check_name, make_model, prior, save_model
 from pushfric_core.files.object_file import load_object
@@ -126,10 +125,9 @@ class EstimatorNode(Node):
 
     def _rehearse(self) -> None:
         """Load what an estimate needs now, not with the first observation: the solver, and what works when it is first used."""
-        points = self._now.object.support_points
-        self._settings.new_estimator(points).estimate()
         pushed = Observation((0.0, 0.0), (1.0, 0.0), Twist(-0.01, 0.0, 0.0), tip_velocity=(-0.01, 0.0))
-        estimate_to_msg(EstimateReport.of(Estimator(points).add(pushed), "", None))
+        estimate = self._settings.new_estimator(self._now.object.support_points).add(pushed)
+        estimate_to_msg(EstimateReport.of(estimate, "", None))
 
     def _interrupted(self) -> "Resumption | None":
         """The remains of an estimator that died in this run; None if this is the run's first estimator."""
