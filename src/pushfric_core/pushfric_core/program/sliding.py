@@ -17,7 +17,7 @@ SURELY = 3.0
 
 
 def median(values: Array) -> float:
-    """Of (m,), m >= 1; that of NumPy takes ten times as long for a few."""
+    """The median of (m,), m >= 1; that of NumPy takes ten times as long for a few."""
     ordered = np.sort(values)
     return float(ordered[(len(values) - 1) // 2] + ordered[len(values) // 2]) / 2
 
