@@ -96,8 +96,7 @@ class SimulatedGrbl(SerialController):
         self._ends.clear()
         self._canceling = False  # a jog
         self._percent = {"feed": 100, "rapid": 100}  # overrides
-        self._lines: deque[str] = deque()
-        self._line = ""
+        self._lines = deque([""])  # the last one is still being received
         self._asked = self._deaf = False
         self._owed = False  # an `ok` for the line that hit a soft limit; it comes with the reset
         self._until_wco = self._until_overrides = 0  # reports
@@ -173,10 +172,9 @@ class SimulatedGrbl(SerialController):
                     case _ if byte in OVERRIDES:
                         self._override(*OVERRIDES[byte])
                     case 0x0A | 0x0D:
-                        self._lines.append(self._line)
-                        self._line = ""
+                        self._lines.append("")
                     case _ if byte < 0x80:
-                        self._line += chr(byte)
+                        self._lines[-1] += chr(byte)
                 # during the homing cycle GRBL does not report; after a limit it accepts only a reset
                 if self._asked and self._state != "Home" and not self._deaf:
                     self._asked = False
@@ -191,7 +189,7 @@ class SimulatedGrbl(SerialController):
         kind = "MPos" if mask & 1 else "WPos"
         fields = [self._state + substate, f"{kind}:{(carriage + self._offset) / unit:.{digits}f},{nowhere},{nowhere}"]
         if mask & 2:
-            fields.append(f"Bf:{PLANNER_BLOCKS - len(self._plan)},{RECEIVER_BYTES - len(self._line)}")
+            fields.append(f"Bf:{PLANNER_BLOCKS - len(self._plan)},{RECEIVER_BYTES - len(self._lines[-1])}")
         fields.append(f"FS:{abs(speed) * MINUTE / unit:.{int(inches)}f},0")
         pins = "X" * (not -PULL_OFF < carriage < self._travel + PULL_OFF) + "R" * self._held_in_reset
         if pins:
@@ -325,7 +323,7 @@ class SimulatedGrbl(SerialController):
 
     def _execute_lines(self) -> None:
         """Execute lines in order while the plan has room; not in a hold, while homing, or before the reset after a limit."""
-        while self._lines and self._listens and len(self._plan) < PLANNER_BLOCKS:
+        while len(self._lines) > 1 and self._listens and len(self._plan) < PLANNER_BLOCKS:
             line = re.sub(r"\(.*?\)|;.*|\s", "", self._lines.popleft()).upper()
             if len(line) > LONGEST_LINE:
                 self._respond(11)
