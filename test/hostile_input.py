@@ -466,8 +466,7 @@ def _model_message() -> FrictionModel:
 
 @functools.cache
 def _known() -> Known:
-    known = Known.of(_model_message())
-    return known
+    return Known.of(_model_message())
 
 
 def _answer(data: bytes, _: pathlib.Path) -> None:

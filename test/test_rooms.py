@@ -33,8 +33,7 @@ def test_every_import_is_allowed(capsys, monkeypatch):
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_architecture_describes_every_room_as_its_package_does(room):
-    said = importlib.import_module(room).__doc__
-    assert (room.rpartition(".")[2], said.splitlines()[0]) in ROWS
+    assert (room.rpartition(".")[2], importlib.import_module(room).__doc__.splitlines()[0]) in ROWS
 
 
 def test_architecture_names_only_rooms_that_exist():

@@ -44,11 +44,7 @@ def test_nothing_is_said_of_good_pushes(seed, noise):
     [
         (deeper(0.002), "tip_off_across", r"the tip seems to be (1\.9|2\.0) mm inside the outline"),
         (deeper(-0.002), "tip_off_across", r"the tip seems to be (1\.9|2\.0) mm away from the outline"),
-        (
-            deeper(0.0, 0.0, 0.002),
-            "outline_shifted",
-            r"outline seems to be shifted by \(-?0\.0, (1\.8|1\.9|2\.0)\) mm",
-        ),
+        (deeper(0.0, 0.0, 0.002), "outline_shifted", r"outline seems to be shifted by \(-?0\.0, (1\.8|1\.9|2\.0)\) mm"),
     ],
 )
 def test_each_misplacement_is_told_with_its_size(seed, change, code, text):

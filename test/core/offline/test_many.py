@@ -41,8 +41,8 @@ def inputs(tmp_path):
     """A folder of six CSVs, and one that is broken."""
     folder = tmp_path / "inputs"
     folder.mkdir()
-    for seed in range(6):
-        write_pushes(folder / f"run_{seed}.csv", seed)
+    for seed, name in enumerate((*range(5), "\udcff")):  # a byte that is no text
+        write_pushes(folder / f"run_{name}.csv", seed)
     (folder / "torn.csv").write_text("contact_x,contact_y\n0.1")
     return folder
 
@@ -77,7 +77,7 @@ def test_a_broken_input_costs_only_itself(inputs, tmp_path):
         "inputs": 8, "usable": 6, "not_usable": 0, "broken": 2,
     }  # fmt: skip
     rows = table_of(out)
-    assert list(rows) == ["pipe.csv", *(f"run_{seed}.csv" for seed in range(6)), "torn.csv"]
+    assert list(rows) == ["pipe.csv", *(f"run_{seed}.csv" for seed in (*range(5), r"\udcff")), "torn.csv"]
     assert rows["pipe.csv"]["error"].endswith("pipe.csv: is a pipe or a device; expected a bag or a CSV of observations")
     assert "missing column normal_x" in rows["torn.csv"]["error"]
     assert rows["torn.csv"]["p_cf_x"] == rows["torn.csv"]["model"] == ""

@@ -35,18 +35,20 @@ def drawing(outline=OUTLINE, **support):
     return json.dumps({"outline": outline, "support": support or {"grid": [7, 5]}, "picture": [0, 0, 0]}).encode()
 
 
-def test_only_what_is_drawn_changes_in_the_file(file):
+@pytest.mark.parametrize("shown", [[[-0.07, -0.04], *OUTLINE[1:]], OUTLINE])
+def test_only_what_is_drawn_changes_in_the_file(file, shown):
     drawn = DrawnObject(file)
     assert drawn.model.support_points.shape == (35, 2)
-    wider = [[-0.07, -0.04], *OUTLINE[1:]]
-    drawn.take(drawing(wider, points=[[-0.05, 0.0], [0.05, 0.012345678]]))
+    drawn.take(drawing(shown, points=[[-0.05, 0.0], [0.05, 0.012345678]]))
     assert file.read_text() == FILE
-    file.write_text(FILE.replace("steel", "brass"))  # by another hand, while the page is open
+    file.write_text(
+        FILE.replace("steel", "brass").replace("-0.06, -0.04", "-0.05, -0.03")
+    )  # by another hand, while the page is open
     assert str(file) in drawn.save()
     assert "# of brass" in file.read_text()
     model = load_object(str(file))
     assert (model.name, model.height) == ("plate", 0.02)
-    np.testing.assert_array_equal(model.outline.vertices, wider)
+    np.testing.assert_array_equal(model.outline.vertices, shown)
     np.testing.assert_array_equal(model.support_points, [[-0.05, 0.0], [0.05, 0.01235]])
     assert [one.name for one in file.parent.iterdir()] == ["object.yaml"]
 
@@ -54,6 +56,8 @@ def test_only_what_is_drawn_changes_in_the_file(file):
 def test_a_new_file_is_written_when_there_is_an_object(tmp_path):
     drawn = DrawnObject(tmp_path / "block.yaml", width=0.4)
     assert drawn.figures()["region"] == pytest.approx({"left": -0.2, "bottom": -0.15, "width": 0.4, "height": 0.3})
+    with pytest.raises(InvalidInput, match="there is no picture"):
+        drawn.picture()
     with pytest.raises(InvalidInput, match=r"^outline: expected a list of at least 3, got \[\]$"):
         drawn.save()
     drawn.take(drawing(grid=[4, 3]))

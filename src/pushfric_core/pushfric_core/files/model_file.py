@@ -186,7 +186,7 @@ def make_model(model: ObjectModel, estimate: Estimate, source: str, settings: Es
     points = [(float(x), float(y)) for x, y in estimate.support_points]
     x, y = estimate.center_of_friction.tolist()
     made = MadeFile(
-        source=source,
+        source=source.encode(errors="backslashreplace").decode(),  # a path may have bytes that are no text
         data_points=estimate.data_points,
         pushes=estimate.pushes,
         fit_error=estimate.solution.objective,

@@ -113,7 +113,8 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
 
 def write_table(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
     """Write the table of many estimates; return the file."""
-    with (folder / TABLE).open("w", newline="", encoding="utf-8") as stream:
+    # names may have bytes that are no text
+    with (folder / TABLE).open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
         table = csv.DictWriter(stream, COLUMNS)
         table.writeheader()
         table.writerows(map(_table_row, lines))
@@ -143,7 +144,7 @@ def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Pa
     times = Counter(named.values())
     for path, name in named.items():
         if times[name] > 1:
-            named[path] = f"{name}-{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
+            named[path] = f"{name}-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
     return {path: pathlib.Path(MODELS) / f"{name}.yaml" for path, name in named.items()}
 
 

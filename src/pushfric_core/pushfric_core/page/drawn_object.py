@@ -84,10 +84,7 @@ class DrawnObject:
         self, target: pathlib.Path, camera: Camera | None = None, width: float | None = None, height: float | None = None
     ) -> None:
         self._target, self._camera, self._width = target, camera, EMPTY if width is None else width
-        self._written: dict[str, Any] = {}  # in the file
-        if target.exists():
-            file = read_yaml(target, ObjectFile)
-            self._written = file.model_dump(mode="json", exclude_none=True, include={"outline", "support", "height"})
+        self._read()
         self._drawing = Drawing(**{key: value for key, value in self._written.items() if key != "height"})
         self._height = self._written.get("height", 0.0) if height is None else height
         self._raw: Image | None = None  # as it was taken
@@ -95,6 +92,13 @@ class DrawnObject:
         self._frame = Pose(0.0, 0.0, 0.0)  # of the picture, on the camera's table
         self._region = -self._width / 2, -self._width * 3 / 8, self._width, self._width * 3 / 4
         self._check()
+
+    def _read(self) -> None:
+        """See what the file says of all that can be drawn; nothing if it is not there."""
+        self._written: dict[str, Any] = {}
+        if self._target.exists():
+            file = read_yaml(self._target, ObjectFile)
+            self._written = file.model_dump(mode="json", exclude_none=True, include={"outline", "support", "height"})
 
     def take(self, body: bytes) -> None:
         """Replace what is drawn by a JSON text, with the fields of `Drawing`; `problem` says what is wrong with it.
@@ -203,8 +207,13 @@ class DrawnObject:
         return Pose(x, y, 0.0)
 
     def picture(self) -> Image:
-        """The picture as seen from straight above."""
-        assert self._picture is not None
+        """The picture as seen from straight above.
+
+        Raises:
+            InvalidInput: there is none.
+        """
+        if self._picture is None:
+            raise InvalidInput("there is no picture")
         return self._picture
 
     def save(self) -> str:
@@ -213,7 +222,8 @@ class DrawnObject:
         Raises:
             InvalidInput: what is drawn is no object, or the file cannot be written.
         """
-        self._check()  # what else the file says may have changed
+        self._read()  # it may have changed, and shall say what was drawn
+        self._check()
         if self.model is None:
             raise InvalidInput(self.problem)
         write_whole(self._target, self._text)
