@@ -466,7 +466,9 @@ def _model_message() -> FrictionModel:
 
 @functools.cache
 def _known() -> Known:
-    return Known.of(_model_message())
+    known = Known.of(_model_message())
+    assert known.model is not None
+    return known
 
 
 def _answer(data: bytes, _: pathlib.Path) -> None:

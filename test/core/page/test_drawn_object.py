@@ -41,9 +41,8 @@ def test_only_what_is_drawn_changes_in_the_file(file, shown):
     assert drawn.model.support_points.shape == (35, 2)
     drawn.take(drawing(shown, points=[[-0.05, 0.0], [0.05, 0.012345678]]))
     assert file.read_text() == FILE
-    file.write_text(
-        FILE.replace("steel", "brass").replace("-0.06, -0.04", "-0.05, -0.03")
-    )  # by another hand, while the page is open
+    # by another hand, while the page is open
+    file.write_text(FILE.replace("steel", "brass").replace("-0.06, -0.04", "-0.05, -0.03"))
     assert str(file) in drawn.save()
     assert "# of brass" in file.read_text()
     model = load_object(str(file))
