@@ -48,16 +48,17 @@ class BoundsReport:
     slip: Annotated[Slip, FieldPlace(key="")]  # at the newest observation
 
     @classmethod
-    def of(cls, estimate: "Estimate", slipping: Sequence[bool] = ()) -> "BoundsReport":
+    def of(cls, estimate: "Estimate", slipping: Sequence[bool] = (), with_slips: bool = True) -> "BoundsReport":
         """The report on an estimate, O(M) for M observations.
 
         Args:
             estimate: from at least one observation.
             slipping: for each observation, whether its contact is known to have slipped; empty: for none.
+            with_slips: say how the tip moved, too, which takes as long as the rest.
         """
         bounds = estimate.contact_friction
         slid = bounds[np.asarray(slipping)] if any(slipping) else None
-        slips = estimate.tip.slips if estimate.tip is not None else np.empty(0, int)
+        slips = estimate.tip.slips if estimate.tip is not None and with_slips else np.empty(0, int)
         return cls(
             p90=estimate.mu_c_p90,
             max=estimate.mu_c_max,

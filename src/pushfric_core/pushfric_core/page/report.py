@@ -88,7 +88,8 @@ def told_again(
             number, (observation, estimate) = ahead.popleft()
             belief = estimate.belief if number in believed else belief
             change = story.on_observation(observation)
-            change |= story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief))
+            bounds = BoundsReport.of(estimate, with_slips=False)
+            change |= story.on_estimate(EstimateReport.of(estimate, estimation.model.name, belief, bounds=bounds))
             del change["estimate"]  # the last is told already
             yield change, b""
         if name == KEYFRAMES:

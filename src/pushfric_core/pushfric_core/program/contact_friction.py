@@ -110,7 +110,8 @@ class Tip:
     def tolerance(self) -> float:
         """The slip beyond which a tip counts as sliding."""
         seen = np.abs(self.mismatch[np.isfinite(self.mismatch)])
-        return max(sliding.SLIP_TOLERANCE, sliding.MISMATCHES * sliding.median(seen)) if len(seen) else sliding.SLIP_TOLERANCE
+        usual = float(np.median(seen)) if len(seen) else 0.0
+        return max(sliding.SLIP_TOLERANCE, sliding.MISMATCHES * usual)
 
     @cached_property
     def directions(self) -> Array:

@@ -16,12 +16,6 @@ SURELY = 3.0
 """A push slips only if the tip slides this many times as far as tips usually seem to move across the edge within a push."""
 
 
-def median(values: Array) -> float:
-    """The median of (m,), m >= 1; that of NumPy takes ten times as long for a few."""
-    ordered = np.sort(values)
-    return float(ordered[(len(values) - 1) // 2] + ordered[len(values) // 2]) / 2
-
-
 def directions_of(slip: Array, mismatch: Array, ends: Indices, tolerance: float) -> Array:
     """The directions of sliding of m observations, as `contact_friction.Tip.directions`.
 
@@ -36,7 +30,7 @@ def directions_of(slip: Array, mismatch: Array, ends: Indices, tolerance: float)
     for p in range(len(ends)):
         farthest[p] = reach(mismatch, first, ends[p])
         first = ends[p]
-    usual = median(np.asarray(farthest))
+    usual = float(np.median(farthest))
     first = 0
     for p in range(len(ends)):
         slide(slip, first, ends[p], tolerance, SURELY * usual, found)

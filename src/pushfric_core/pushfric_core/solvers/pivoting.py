@@ -76,7 +76,8 @@ class State:
         self.gradient, self.active, self.inverse, self.x, self.dual = conditions[6:]
         n, room = len(conditions.x), len(conditions.value)
         # room for intermediate results
-        self.direction, self.row, self.residual, self.total, self.multipliers, self.correction, self.entering = np.empty((7, n))
+        self.direction, self.row, self.residual, self.total = np.empty((4, n))
+        self.multipliers, self.correction, self.entering = np.empty((3, n))
         self.slopes = np.empty((2, 2 * n))
         self.change, self.distance, self.speed = np.empty((3, room))
         self.ahead, self.nonzero = np.empty(room, np.int64), np.empty(n, np.int64)
