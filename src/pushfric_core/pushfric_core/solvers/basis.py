@@ -1,6 +1,6 @@
 """The basis of the linear program: its active conditions, and those that may become active, while rows come and go."""
 
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,8 +9,6 @@ from pushfric_core.geometry.planar import Array, Indices
 from pushfric_core.solvers import pivoting
 from pushfric_core.solvers.pivoting import State
 from pushfric_core.solvers.tableau import FIT, VIOLATION, Conditions, Mask, Rows
-
-Number = TypeVar("Number", np.float64, np.int64)
 
 NEGATIVE_PART = 1e3
 """Cost of a negative x_j relative to that of a violated row; it keeps w in the simplex even if hard rows are contradictory."""
@@ -155,16 +153,10 @@ class Basis:
         old = self.conditions
         room = 16 * ((self._fixed + rows) // 16) + 24  # not a multiple of a page: a column is read across all rows of `a`
 
-        def resized(array: npt.NDArray[Number]) -> npt.NDArray[Number]:
+        def resized(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
             new = np.zeros((*array.shape[:-1], room), array.dtype)
             new[..., : self._fixed] = array[..., : self._fixed]
             return new
 
-        conditions = old._replace(
-            number=resized(old.number),
-            a=resized(old.a),
-            value=resized(old.value),
-            side=resized(old.side),
-            cost=resized(old.cost),
-        )
-        self.state = State(conditions, self.state.count, self.state.updates)
+        wider = {name: resized(getattr(old, name)) for name in ("number", "a", "value", "side", "cost")}
+        self.state = State(old._replace(**wider), self.state.count, self.state.updates)

@@ -8,14 +8,20 @@ cdef double inf, ZERO, LARGEST, PARALLEL, TIE, LEVEL, GOLDEN, REACH, NO_STEP, CO
 cdef int VIOLATION, FIT, REFRESH, STALLED
 
 
+cdef class Scratch:
+    cdef int64_t[::1] ahead, nonzero
+    cdef double[:, ::1] slopes
+    cdef double[::1] direction, row, residual, total, multipliers, correction, entering, change, distance, speed
+
+
 cdef class State:
     cdef readonly object conditions
     cdef public Py_ssize_t count, updates
-    cdef int64_t[::1] number, active, ahead, nonzero
-    cdef double[:, ::1] a, gradient, inverse, slopes
+    cdef Scratch scratch
+    cdef int64_t[::1] number, active
+    cdef double[:, ::1] a, gradient, inverse
     cdef double[:, :, ::1] cost
     cdef double[::1] value, side, settled, x, dual
-    cdef double[::1] direction, row, residual, total, multipliers, correction, entering, change, distance, speed
 
 
 cdef class Ball:
@@ -95,7 +101,7 @@ cpdef bint rises(State state, double steep) noexcept
 )
 cdef double ratio_test(State state, Ball ball, Py_ssize_t edge, int phase, bint firm) noexcept
 
-@cython.locals(k=int64_t, distance=double, speed=double)
+@cython.locals(ahead=int64_t[::1], distance=double[::1], speed=double[::1])
 cdef void swap(State state, Py_ssize_t p, Py_ssize_t q) noexcept
 
 @cython.locals(a=double[:, ::1], inverse=double[:, ::1], row=double[::1], pivot=double, column=double)

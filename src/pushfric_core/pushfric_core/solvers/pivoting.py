@@ -61,6 +61,17 @@ is a good start for the next, and without bound in the corners of the simplex, w
 NO_STEP = -1.0  # what `ratio_test` returns without one
 
 
+class Scratch:
+    """Room for intermediate results: for n support points, and so many conditions."""
+
+    def __init__(self, n: int, room: int) -> None:
+        self.direction, self.row, self.residual, self.total = np.empty((4, n))
+        self.multipliers, self.correction, self.entering = np.empty((3, n))
+        self.slopes = np.empty((2, 2 * n))
+        self.change, self.distance, self.speed = np.empty((3, room))
+        self.ahead, self.nonzero = np.empty(room, np.int64), np.empty(n, np.int64)
+
+
 class State:
     """A basis as the functions of this module see it.
 
@@ -74,13 +85,7 @@ class State:
         self.conditions, self.count, self.updates = conditions, count, updates
         self.number, self.a, self.value, self.side, self.cost, self.settled = conditions[:6]
         self.gradient, self.active, self.inverse, self.x, self.dual = conditions[6:]
-        n, room = len(conditions.x), len(conditions.value)
-        # room for intermediate results
-        self.direction, self.row, self.residual, self.total = np.empty((4, n))
-        self.multipliers, self.correction, self.entering = np.empty((3, n))
-        self.slopes = np.empty((2, 2 * n))
-        self.change, self.distance, self.speed = np.empty((3, room))
-        self.ahead, self.nonzero = np.empty(room, np.int64), np.empty(n, np.int64)
+        self.scratch = Scratch(len(conditions.x), len(conditions.value))
 
     def __reduce__(self) -> tuple[type["State"], tuple[Conditions, int, int]]:
         return State, (self.conditions, self.count, self.updates)
@@ -168,7 +173,7 @@ def side_of(value: float, side: float) -> float:
 
 def sum_gradients(state: State) -> None:
     """Compute both gradients from scratch."""
-    sloping, slopes, a = state.ahead, state.change, state.a
+    sloping, slopes, a = state.scratch.ahead, state.scratch.change, state.a
     for phase in range(2):
         size = 0
         for k in range(state.count):
@@ -210,7 +215,7 @@ def transform(metric: Array, v: Array, out: Array) -> None:
 
 def combine(state: State, factors: Array, matrix: Array, count: int, out: Array) -> None:
     """factors' matrix, of its first `count` columns. Nearly all time is spent here, hence four rows in one pass."""
-    nonzero = state.nonzero
+    nonzero = state.scratch.nonzero
     size = 0
     for j in range(len(factors)):
         if factors[j] != 0:
@@ -240,7 +245,7 @@ def locate(state: State, tolerance: float) -> bool:
     x = state.x
     for j in range(n):
         x[j] = state.inverse[j, 0]
-    error = state.residual
+    error = state.scratch.residual
     for i in range(n):
         error[i] = 0.0
     for j in range(n):
@@ -251,11 +256,11 @@ def locate(state: State, tolerance: float) -> bool:
     size = 0
     for i in range(n):
         if error[i] != 0:
-            state.nonzero[size] = i
+            state.scratch.nonzero[size] = i
             size += 1
     for j in range(n):
         for p in range(size):
-            x[j] -= state.inverse[j, state.nonzero[p]] * error[state.nonzero[p]]
+            x[j] -= state.inverse[j, state.scratch.nonzero[p]] * error[state.scratch.nonzero[p]]
         if abs(x[j]) < ZERO:
             x[j] = 0.0
     combine(state, x, state.a, count, state.value)
@@ -351,8 +356,8 @@ def descend(state: State, ball: Ball, phase: int, level: bool, flat: float, shif
 
 
 def choose(state: State, phase: int, level: bool, flat: float) -> int:
-    """The edge to follow, or -1 if none descends; `state.slopes` are then those (2, 2n) of all edges."""
-    slopes = state.slopes
+    """The edge to follow, or -1 if none descends; `state.scratch.slopes` are then those (2, 2n) of all edges."""
+    slopes = state.scratch.slopes
     price(state, phase, slopes[phase])
     flattest = -flat * norm(state.gradient[phase])
     highest = LEVEL * norm(state.gradient[VIOLATION])
@@ -387,7 +392,7 @@ def price(state: State, phase: int, slopes: Array) -> None:
 def rises(state: State, steep: float) -> bool:
     """Whether F rises along every edge by more than this fraction of the largest component of its gradient."""
     n = len(state.active)
-    slopes = state.slopes[FIT]
+    slopes = state.scratch.slopes[FIT]
     price(state, FIT, slopes)
     largest = 0.0
     for j in range(n):
@@ -410,10 +415,10 @@ def ratio_test(state: State, ball: Ball, edge: int, phase: int, firm: bool) -> f
     n, count = len(state.active), state.count
     i = edge % n
     upwards = 1.0 if edge < n else -1.0
-    change, distance, speed, ahead = state.change, state.distance, state.speed, state.ahead
+    change, distance, speed, ahead = state.scratch.change, state.scratch.distance, state.scratch.speed, state.scratch.ahead
     for j in range(n):
-        state.direction[j] = upwards * state.inverse[j, i]
-    combine(state, state.direction, state.a, count, change)
+        state.scratch.direction[j] = upwards * state.inverse[j, i]
+    combine(state, state.scratch.direction, state.a, count, change)
     size = 0
     for k in range(count):
         approach = -state.side[k] * change[k]
@@ -430,7 +435,7 @@ def ratio_test(state: State, ball: Ball, edge: int, phase: int, firm: bool) -> f
             size += 1
     # the breakpoints in order of distance, as far as needed
     crossed = 0
-    steepness = state.slopes[phase, edge]
+    steepness = state.scratch.slopes[phase, edge]
     while True:
         if crossed == size:
             # F is bounded below: with no row settled, rounding hides that the last crossed that costs anything turns the edge
@@ -457,7 +462,7 @@ def ratio_test(state: State, ball: Ball, edge: int, phase: int, firm: bool) -> f
             nearest = p
     step: float = distance[nearest]
     if ball.radius != inf:
-        transform(ball.metric, state.direction, ball.moved)
+        transform(ball.metric, state.scratch.direction, ball.moved)
         for j in range(n):
             ball.moved[j] = ball.place[j] + step * ball.moved[j]
         if norm(ball.moved) > REACH * ball.radius:
@@ -477,9 +482,10 @@ def ratio_test(state: State, ball: Ball, edge: int, phase: int, firm: bool) -> f
 
 def swap(state: State, p: int, q: int) -> None:
     """Let two of the conditions ahead change places."""
-    k, distance, speed = state.ahead[p], state.distance[p], state.speed[p]
-    state.ahead[p], state.distance[p], state.speed[p] = state.ahead[q], state.distance[q], state.speed[q]
-    state.ahead[q], state.distance[q], state.speed[q] = k, distance, speed
+    ahead, distance, speed = state.scratch.ahead, state.scratch.distance, state.scratch.speed
+    ahead[p], ahead[q] = ahead[q], ahead[p]
+    distance[p], distance[q] = distance[q], distance[p]
+    speed[p], speed[q] = speed[q], speed[p]
 
 
 def exchange(state: State, i: int, entering: int) -> None:
@@ -488,10 +494,10 @@ def exchange(state: State, i: int, entering: int) -> None:
     inverse, a = state.inverse, state.a
     state.active[i] = entering
     state.updates += 1
-    row = state.row
+    row = state.scratch.row
     for j in range(n):
-        state.entering[j] = a[j, entering]
-    combine(state, state.entering, inverse, n, row)
+        state.scratch.entering[j] = a[j, entering]
+    combine(state, state.scratch.entering, inverse, n, row)
     pivot = row[i]
     row[i] = 0.0
     for j in range(n):
@@ -520,7 +526,7 @@ def bounds(state: State, weights: int) -> tuple[float, float, float]:
         objective += state.settled[j] * state.x[j]
     for k in range(count):
         objective += state.value[k] * slope(state, FIT, k, state.value[k])
-    total, y, correction = state.total, state.multipliers, state.correction
+    total, y, correction = state.scratch.total, state.scratch.multipliers, state.scratch.correction
     for j in range(n):
         y[j] = 0.0
         total[j] = state.gradient[FIT, j]

@@ -116,7 +116,6 @@ class SimulatedCellNode(Node):
             link.unlink(missing_ok=True)
             link.symlink_to(self._controller.port)  # a pseudo-terminal, whose name is not known beforehand
             period, step = 1 / (config.frame_rate * STEPS_PER_FRAME) / run.speed, self._step
-            self._period = period * run.speed
         else:
             topics.subscribe(PusherState, "pusher_state", self._on_pusher_state, RELIABLE)
             period, step = 1 / config.frame_rate, self._follow
@@ -141,7 +140,7 @@ class SimulatedCellNode(Node):
             return
         self._stepped = now
         self._steps += 1
-        self._elapsed = self._steps * self._period
+        self._elapsed = self._steps / (self._config.frame_rate * STEPS_PER_FRAME)
         stamp = START + round(self._elapsed * 1e9)
         self._operate()
         self._controller.hold_in_reset(self._switched["emergency_stop"])
