@@ -42,8 +42,8 @@ def pushfric(*arguments: object, **options: Any) -> subprocess.CompletedProcess[
 
 
 def all_was_seen(run: subprocess.CompletedProcess[str]) -> bool:
-    """Whether a run in real time ended well; if not, its camera paused, as on a busy machine, and it says so."""
-    paused = "\nerror: no pose came for" in run.stderr
+    """Whether a run in real time ended well; if not, its camera or all of it paused, as on a busy machine, and it says so."""
+    paused = any(f"\nerror: {what} came for" in run.stderr for what in ("no pose", "neither poses nor pusher states"))
     assert run.returncode == paused, run.stderr
     return not paused
 

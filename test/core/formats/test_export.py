@@ -90,6 +90,7 @@ def test_two_of_mass_coefficient_and_total_friction_give_the_third(given, expect
         ({"to": "usd"}, "expected one of the formats mjcf, sdf"),
         ({"mass": 0.0}, "mass must be positive and finite, got 0"),
         ({"height": 0.001}, "height must be more than 0.002 m, got 0.001"),
+        ({"height": 100.0}, "height must lie within 3 m, got 100: are these millimetres?"),
         ({"pusher_radius": -1.0}, "pusher_radius must be positive and finite, got -1"),
         ({"mass": 1.0, "table_friction": 0.3, "total_friction": 2.0}, "expected mass or table_friction, not both"),
     ],

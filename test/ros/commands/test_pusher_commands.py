@@ -4,6 +4,7 @@ import re
 import time
 
 import pytest
+from calls import invoked
 from composition import made
 from stage import STAGE
 
@@ -41,8 +42,8 @@ def test_a_person_jogs_stops_and_resets(ros):
 
 def test_without_a_cell_a_person_is_told_so(monkeypatch):
     monkeypatch.setattr("pushfric_ros.node_kit.person.ANSWER_TIMEOUT", 0.2)
-    with Person("/nobody") as person:
-        with pytest.raises(NoAnswer, match=r"no service /nobody/actuator/stop; (no cell runs|running) on this machine"):
-            person.call("actuator/stop")
-        with pytest.raises(NoAnswer, match="no pusher_state comes"):
-            person.state()
+    with Person("/nobody") as person, pytest.raises(NoAnswer) as refused:
+        person.call("actuator/stop")
+    assert re.match(r"no service /nobody/actuator/stop; (no cell runs|running) on this machine", str(refused.value))
+    assert "no pusher_state comes" in str(invoked("status", "--namespace", "nobody").exception)
+    assert "like /cell or /hall/cell_2, got '/no body'" in str(invoked("status", "--namespace", "no body").exception)

@@ -27,8 +27,7 @@ from pushfric_ros.nodes.tracker import TrackerNode
 from pushfric_ros.nodes.tracker.watch import FROZEN_FRAMES
 
 CAMERA = Camera.looking_down(640, 480, (0.1, 0.05), 0.000625, distortion=(-0.1, 0.02, 0.0, 0.0, 0.0))
-HALF_SIZE = np.array((0.0635, 0.032))
-OUTLINE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * HALF_SIZE
+OUTLINE = np.array(((-1, -1), (1, -1), (1, 1), (-1, 1))) * (0.0635, 0.032)
 HEIGHT = 0.012
 TRUTH = Pose(0.11, 0.04, 0.3)
 FIRST = 1_700_000_000_000_000_000

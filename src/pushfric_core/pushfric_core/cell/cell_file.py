@@ -7,15 +7,14 @@ refused for the same reasons as the node, in the same words.
 import dataclasses
 import os
 import pathlib
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import (
-    NAMESPACE,
     CameraConfig,
+    CellConfig,
     Discovery,
     FrameConfig,
     ImagesConfig,
@@ -33,23 +32,7 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.yaml_files import yaml_content
 from pushfric_core.plugins import PUSHERS, SOURCES, chosen_tracker, plugin, spare_trackers, tracker_kinds
 from pushfric_core.pushers.pusher import PusherConfig, PusherDriver
-from pushfric_core.settings import key_of, read, setting
-
-
-@dataclass(frozen=True)
-class CellConfig:
-    """The cell's name, and who can reach it."""
-
-    namespace: str = setting(NAMESPACE, "namespace of all nodes and topics; each cell needs its own")
-    discovery: Discovery = setting(
-        Discovery.LOCALHOST,
-        "who can reach the nodes, and so move the pusher: localhost: programs on this machine; subnet: on its network too",
-    )
-
-    def __post_init__(self) -> None:
-        if re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", self.namespace) is None:
-            raise ValueError(f"namespace must be like /cell or /hall/cell_2, got {self.namespace!r}")
-
+from pushfric_core.settings import key_of, read
 
 ROOT = (CellConfig, FrameConfig, ObjectConfig)
 ROOT_KEYS = tuple(key_of(one) for config in ROOT for one in dataclasses.fields(config))

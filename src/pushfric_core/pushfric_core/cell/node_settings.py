@@ -37,6 +37,21 @@ QUALITIES = ("sensor_data", "reliable", "latched")
 
 
 @dataclass(frozen=True)
+class CellConfig:
+    """The cell's name, and who can reach it."""
+
+    namespace: str = setting(NAMESPACE, "namespace of all nodes and topics; each cell needs its own")
+    discovery: Discovery = setting(
+        Discovery.LOCALHOST,
+        "who can reach the nodes, and so move the pusher: localhost: programs on this machine; subnet: on its network too",
+    )
+
+    def __post_init__(self) -> None:
+        if re.fullmatch("(/[A-Za-z_][A-Za-z0-9_]*)+", self.namespace) is None:
+            raise ValueError(f"namespace must be like {NAMESPACE} or /hall/cell_2, got {self.namespace!r}")
+
+
+@dataclass(frozen=True)
 class FrameConfig:
     """Names of the frames of a cell."""
 

@@ -5,24 +5,29 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.cell.node_settings import VIEW_PORT, ViewConfig
+from pushfric_core.cell.node_settings import VIEW_PORT, CellConfig, ViewConfig
 from pushfric_core.commands.application import ADDRESS, AUTO_VIEW
 from pushfric_core.errors import InvalidInput, blaming
 
 HeadlessFlag = Annotated[bool, typer.Option("--headless", help="Print a line for each push instead of a live display.")]
 PlannerFlag = Annotated[bool, typer.Option("--planner", help="Also start a node that answers planners.")]
-NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of the cell.")]
+
+
+def _namespace(text: str) -> str:
+    with blaming("--namespace"):
+        return CellConfig(f"/{text.strip('/')}").namespace
+
+
+NamespaceOption = Annotated[str, typer.Option("--namespace", help="Namespace of the cell.", callback=_namespace)]
 LONGEST_STROKE, FASTEST_STROKE = 0.5, 0.5
 """Bounds on what a person at a cell asks of the pusher [m, m/s]; more is likely to be in millimetres."""
-
-ADDRESS_METAVAR = "[[HOST:]PORT]"
 
 ViewOption = Annotated[
     str,
     typer.Option(
         "--view",
         help=f"Show the run in a browser, on this machine alone unless a HOST is given; at port {VIEW_PORT} unless a PORT is.",
-        metavar=ADDRESS_METAVAR,
+        metavar="[[HOST:]PORT]",
     ),
 ]
 

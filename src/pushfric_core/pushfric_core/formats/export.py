@@ -9,6 +9,7 @@ from pushfric_core.formats.simulators import mjcf, sdf
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.mechanics.limit_surface import named_ellipsoid
 from pushfric_core.mechanics.prediction import FrictionModel
+from pushfric_core.plausible import LARGEST, check_within
 
 FORMAT = 1
 """Version of the JSON."""
@@ -98,7 +99,8 @@ def export(
     for figure, value in (figures | {"pusher_radius": pusher_radius}).items():
         if value is not None and not 0 < value < math.inf:
             raise ValueError(f"{figure} must be positive and finite, got {value:g}")
-    if not CLEARANCE < height < math.inf:
+    check_within("height", (height,), LARGEST, "m")
+    if height <= CLEARANCE:
         raise ValueError(f"height must be more than {CLEARANCE:g} m, got {height:g}")
     load = load_of(mass, table_friction, gravity, total_friction)
     return FORMATS[to](ExportedBody(name, outline, model, load, height, pusher_radius, rests_on))

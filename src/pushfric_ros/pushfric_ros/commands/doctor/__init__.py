@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pushfric_core.cell.cell_file import CellConfig, CellFile, load_cell
-from pushfric_core.cell.node_settings import CameraConfig
+from pushfric_core.cell.cell_file import CellFile, load_cell
+from pushfric_core.cell.node_settings import CameraConfig, CellConfig
 from pushfric_core.commands.application import STDOUT, Application
 from pushfric_core.commands.console import console
 from pushfric_core.commands.options import RUNS, JsonOption
