@@ -33,10 +33,10 @@ process.run_node(make)
 WHILE_THE_NODE_IS_MADE = """
 class Stopped(Node):
     def __init__(self):
-        super().__init__("node")
         ask_to_stop()
-        for number in range(100):  # until the signal has ended the context, or all are made
-            self.create_guard_condition(lambda: None)
+        ctypes.CDLL(None).usleep(200_000)  # time for the signal to end the context
+        super().__init__("node")
+        self.create_guard_condition(lambda: None)
 
 process.run_node(Stopped)
 """

@@ -20,7 +20,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.signals import SignalHandlerOptions
+from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 from rclpy.type_support import check_for_type_support
 
 import pushfric_msgs.msg
@@ -78,7 +78,7 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
     """
     with contextlib.suppress(PermissionError):  # before there are threads, which inherit it
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
-    # rclpy's own handlers run before these and end the spinning; a KeyboardInterrupt could strike anywhere.
+    # A KeyboardInterrupt could strike anywhere. rclpy's own handlers, which run before these, end the spinning.
     asked_to_stop: list[int] = []
     ending = False
 
@@ -107,9 +107,10 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
     name = contextlib.ExitStack()
     try:
         with configured(images):
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO if winds_up else None)
-            if not asked_to_stop:  # otherwise the signal came before rclpy's handlers were installed
-                executor = NodeExecutor()  # made first, because after a signal it could not be made without an error
+            # rclpy's handlers would take the context from under a node that is being made
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+            if not asked_to_stop:
+                executor = NodeExecutor()
                 name.enter_context(node_lock(_full_name(make)))
                 node = make()
                 gc.freeze()  # what lasts as long as the node: collections that look at it all take tens of milliseconds
@@ -121,10 +122,11 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
                 _spin_until(executor, node.wind_up, WINDING_UP)  # type: ignore[attr-defined]
                 _spin_until(executor, lambda: False, LAST_WORDS)
             else:
-                executor.spin()
+                install_signal_handlers(SignalHandlerOptions.ALL)
+                if not asked_to_stop:
+                    executor.spin()
     except InvalidInput as error:
-        if not (asked_to_stop and isinstance(error.__cause__, rclpy_implementation.RCLError)):
-            code = _refuse(error)
+        code = _refuse(error)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else _refuse(PushfricError(str(end.code)))
     except ExternalShutdownException:
