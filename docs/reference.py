@@ -30,8 +30,8 @@ HEAD = f"""\
 Written by `{COMMAND}`; do not edit.
 [graph.md](graph.md) explains the nodes and topics.
 
-Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters are read-only, set when a node starts;
-`ros2 param describe` has their types and ranges. [cell.md](cell.md#all-keys) describes the keys of a cell's
+Names are relative to the cell's namespace, `{NAMESPACE}` by default. All parameters but `use_sim_time` are read-only, set at
+start; `ros2 param describe` has their types and ranges. [cell.md](cell.md#all-keys) describes the keys of a cell's
 file. Every node publishes `/diagnostics`. The lists leave out what every ROS 2 node has, the actuator's lifecycle services, and
 the topics of a bag, which the player publishes and the recorder subscribes to. `/tf` and `/tf_static` need tf2_msgs.
 [src/pushfric_msgs](../src/pushfric_msgs) has the fields of all its types.

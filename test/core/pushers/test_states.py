@@ -39,7 +39,6 @@ from pushfric_core.pushers.states import (
 )
 
 DOCUMENT = pathlib.Path(__file__).resolve().parents[3] / "docs/safety.md"
-HOMINGS = list(Homing)
 NODE_STATE, NODE_FACTS = (Life, Task, Position, Hold), (Homing, Enable, Needs, Controller, Way)
 DRIVER_STATE, DRIVER_FACTS = (Phase, Trust, Next), (Homing, ReportedMode, Role)
 MOVING = {Action.MOVE, Action.RETRACT}
@@ -291,7 +290,7 @@ class Pair:
         return following is not None
 
 
-@pytest.fixture(scope="module", params=HOMINGS, ids=lambda homing: homing.name)
+@pytest.fixture(scope="module", params=list(Homing), ids=lambda homing: homing.name)
 def pair(request):
     return Pair(request.param)
 

@@ -286,8 +286,9 @@ def test_an_excluded_push_stays_excluded_until_it_is_kept(ros):
     data = [observation_to_msg(replace(observation, push_id=7), NAME) for observation in DATA[:2]]
     out.publish(data[0])
     ros.wait_for(lambda: len(estimates) == 1, what="an estimate")
-    refusal = call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=9))
-    assert (refusal.success, refusal.message) == (False, "push_id must be one of 7, got 9")
+    for choice in ("exclude", "keep"):
+        refusal = call(ros, node, SelectPush, f"estimator/{choice}_push", SelectPush.Request(push_id=9))
+        assert (refusal.success, refusal.message) == (False, "push_id must be one of 7, got 9")
     assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=7)).success
     ros.wait_for(lambda: nothing_is_known(parts), what="that what was published is taken back")
     ros.wait_for(lambda: len(estimates) == 2, what="the end of the estimate")

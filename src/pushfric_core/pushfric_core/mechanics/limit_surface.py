@@ -201,25 +201,21 @@ class LimitSurface:
         one /= np.linalg.norm(one, axis=1)[:, None]
         directions = np.stack((one, np.cross(wrenches, one)), axis=1)  # (s, 2, 3)
         twists = wrenches
-        mean_speed = self._dissipation(twists, np.zeros(len(twists)))
+        mean_speed = self._dissipation(np.zeros(len(twists)), slice(None), twists)
         for share in SMOOTHING:
             floor = (share * mean_speed) ** 2
-            twists = minimized(twists, partial(self._newton_step, directions, floor), partial(self._smoothed, floor), STEPS)
-        return np.asarray(twists / self._dissipation(twists, np.zeros(len(twists)))[:, None])
+            twists = minimized(twists, partial(self._newton_step, directions, floor), partial(self._dissipation, floor), STEPS)
+        return np.asarray(twists / self._dissipation(np.zeros(len(twists)), slice(None), twists)[:, None])
 
-    def _dissipation(self, twists: Array, floor: Array) -> Array:
-        """h (s,) of scaled twists (s, 3), with `floor` (s,) added to the squared speeds."""
+    def _dissipation(self, floor: Array, rows: Indices | slice, twists: Array) -> Array:
+        """h (s,) of the scaled twists (s, 3) of some rows, with `floor` added to the squared speeds."""
         vx, vy = self._velocities(twists)
-        return np.asarray(np.sqrt(vx**2 + vy**2 + floor[:, None]) @ self._support.weights)
+        return np.asarray(np.sqrt(vx**2 + vy**2 + floor[rows, None]) @ self._support.weights)
 
     def _velocities(self, twists: Array) -> tuple[Array, Array]:
         """Components (s, n) of the support points' velocities."""
         x, y = self._arms.T
         return twists[:, :1] - twists[:, 2:] * y, twists[:, 1:2] + twists[:, 2:] * x
-
-    def _smoothed(self, floor: Array, rows: Indices, twists: Array) -> Array:
-        """h (s,) of the twists (s, 3) of some rows, with `floor` added to the squared speeds."""
-        return self._dissipation(twists, floor[rows])
 
     def _newton_step(self, directions: Array, floor: Array, rows: Indices, twists: Array) -> NewtonStep:
         """Newton's step (s, 3) on that h from the twists (s, 3) of some rows, within their directions (., 2, 3)."""

@@ -104,7 +104,13 @@ class LiveEstimation:
         return left
 
     def keep(self, push_id: int) -> Estimate:
-        """Keep a push in, or take it back; return the estimate with it."""
+        """Keep a push in, or take it back; return the estimate with it.
+
+        Raises:
+            ValueError: nothing has told of that push.
+        """
+        if push_id not in (known := self.pushes | self.excluded):
+            raise ValueError(f"push_id must be one of {', '.join(map(str, sorted(known))) or 'none'}, got {push_id}")
         self._settings = dataclasses.replace(self._settings, kept=tuple(sorted({*self._settings.kept, push_id})))
         if push_id in self.excluded:
             self.excluded.remove(push_id)
