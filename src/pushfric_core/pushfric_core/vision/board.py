@@ -170,6 +170,6 @@ def calibration_from(
     for why, names in left_out.items():
         progress(f"{len(names)} of {counted(frames, 'picture')} left out, {why}: {', '.join(names)}")
     if not kept:
-        raise InvalidInput(f"{source.name}: board not found in {frames} pictures")
+        raise InvalidInput(f"{source.name}: no ChArUco board of {board.columns} x {board.rows} squares in {frames} pictures")
     with blaming(source.name, InvalidInput):
         return calibrate(kept, shape)
