@@ -312,7 +312,7 @@ def test_columns_may_stand_in_any_order_with_others(tmp_path):
         ((0, -0.03, 0, -1, 0, 1e200), "line 2: tip_vy must lie within 10 m/s, got 1e\\+200"),
         ((0, -0.03, 0, -2, 0, 1), "line 2: the normal must have length 1"),
         ((0, -0.3, 0, -1, 0, 1), "line 2: the contact must be within 5 mm of the outline"),
-        ((1e308, -0.03, 0, -1, 0, 1), "line 2: contact_x must lie within 100, got 1e\\+308"),
+        ((1e308, -0.03, 0, -1, 0, 1), "line 2: contact_x must lie within 100 m, got 1e\\+308"),
         ((0, -0.03, 0, 1, 0, 1), r"line 2: the normal must point outward, away from the object, got \(0, 1\)"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -315,11 +315,8 @@ class Estimator:
         Raises:
             ValueError: there is no observation of that push.
         """
-        others = [observation for observation in self._seen if observation.push_id != push_id]
-        if len(others) == len(self._seen):
-            known = sorted({observation.push_id for observation in self._seen})
-            raise ValueError(f"push_id must be one of {', '.join(map(str, known)) or 'none'}, got {push_id}")
-        return self._take_again(others)
+        check_push(push_id, {observation.push_id for observation in self._seen})
+        return self._take_again([observation for observation in self._seen if observation.push_id != push_id])
 
     def _take_again(self, observations: list[Observation]) -> Estimate:
         self._begin()
@@ -452,6 +449,12 @@ class _Contacts:
 Warn = Callable[[str], None]
 
 Taken = TypeVar("Taken")
+
+
+def check_push(push_id: int, known: Collection[int]) -> None:
+    """Refuse a push that is none of those known. Raises ValueError."""
+    if push_id not in known:
+        raise ValueError(f"push_id must be one of {', '.join(map(str, sorted(known))) or 'none'}, got {push_id}")
 
 
 def taken(take: Callable[[Observation], Taken], data: Iterable[Observation], warn: Warn) -> Iterator[Taken]:

@@ -165,12 +165,11 @@ MOVED = (*CONTACT, "tip_vx", "tip_vy")
 TURNED = (*CONTACT, "half_width", "cor_x", "cor_y", "turn")
 
 BOUNDS = {
-    "tip_vx": (FASTEST, "m/s"),
-    "tip_vy": (FASTEST, "m/s"),
-    "cor_x": (FARTHEST_TURN_CENTER, "m"),
-    "cor_y": (FARTHEST_TURN_CENTER, "m"),
+    **dict.fromkeys(("contact_x", "contact_y", "half_width"), (FARTHEST, "m")),
+    **dict.fromkeys(("tip_vx", "tip_vy"), (FASTEST, "m/s")),
+    **dict.fromkeys(("cor_x", "cor_y"), (FARTHEST_TURN_CENTER, "m")),
 }
-"""Bounds of these columns, and their units; the others have bounds of their own, and must be small enough to be squared."""
+"""Bounds of these columns, and their units; of the others, FARTHEST without a unit."""
 
 
 class PointPushes(NamedTuple):

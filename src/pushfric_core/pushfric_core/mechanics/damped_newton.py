@@ -15,9 +15,6 @@ from pushfric_core.geometry.planar import Array, Indices
 STILL = 1e-4
 """A support slower than this fraction of the tip's speed begins to stick; this rounds Coulomb's law for Newton's method."""
 
-AT_REST = 1e-150
-"""A slower tip stands still: its speed is too small to be squared. What exceeds the inverse is too large for that."""
-
 CONVERGED = 1e-14
 """A row is done when one more step would lower its function by less than this fraction."""
 

@@ -4,7 +4,7 @@ import cython
 from libc cimport math
 from libc.stdint cimport int8_t, int64_t
 
-cdef double STILL, AT_REST, NARROW, CONVERGED, GAIN, FLAT
+cdef double STILL, SLOWEST, NARROW, CONVERGED, GAIN, FLAT
 cdef int BISECTIONS
 
 

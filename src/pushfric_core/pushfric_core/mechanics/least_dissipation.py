@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.geometry.planar import Array, Indices
-from pushfric_core.mechanics.damped_newton import AT_REST, CONVERGED, GAIN, STILL
+from pushfric_core.mechanics.damped_newton import CONVERGED, GAIN, STILL
+from pushfric_core.trajectories.observation import SLOWEST
 
 FREE, STICKING, SLIDING = range(3)
 """How a tip meets an object."""
@@ -219,7 +220,7 @@ def push_each(
         sample, x, y, normal_x, normal_y = samples[r], points[r, 0], points[r, 1], normals[r, 0], normals[r, 1]
         velocity_x, velocity_y = velocities[r, 0], velocities[r, 1]
         approach = velocity_x * normal_x + velocity_y * normal_y
-        if not approach < -AT_REST:
+        if not approach < -SLOWEST:
             continue
         modes[r] = STICKING
         look(contact, sample, x, y, velocity_x, velocity_y)

@@ -17,12 +17,13 @@ from pushfric_core.geometry.contact import tangent
 from pushfric_core.geometry.planar import Array, Indices, as_array, check_unit, cross, left_of
 from pushfric_core.geometry.support import check_points
 from pushfric_core.mechanics import least_dissipation
-from pushfric_core.mechanics.damped_newton import AT_REST, STILL
+from pushfric_core.mechanics.damped_newton import STILL
 from pushfric_core.mechanics.least_dissipation import ENDLESS, WEDGED
 from pushfric_core.mechanics.least_dissipation import FREE as FREE
 from pushfric_core.mechanics.least_dissipation import SLIDING as SLIDING
 from pushfric_core.mechanics.least_dissipation import STICKING as STICKING
 from pushfric_core.records import comparable
+from pushfric_core.trajectories.observation import SLOWEST
 
 ITERATIONS = 200
 """Cap on Newton's steps; about ten are usual, some tens if the object rotates about a support."""
@@ -243,7 +244,7 @@ def _rows(samples: int, *arrays: npt.ArrayLike) -> list[Array]:
         if array.ndim not in (2, 3) or array.shape[-1] != 2 or (array.ndim == 3 and array.shape[1] != samples):
             raise ValueError(f"contacts and velocities must have shape (k, 2) or (k, {samples}, 2), got {array.shape}")
     check_unit("contact_normals", given[1])
-    if not all((np.abs(array) < 1 / AT_REST).all() for array in given):
+    if not all((np.abs(array) < 1 / SLOWEST).all() for array in given):
         raise ValueError("contacts and velocities must be finite, and small enough to be squared")
     if len({len(array) for array in given}) > 1:
         lengths = ", ".join(str(len(array)) for array in given)

@@ -12,9 +12,9 @@ from pushfric_core.geometry.contact import PushingLine
 from pushfric_core.geometry.outline import Outline, Touch
 from pushfric_core.geometry.planar import Array, Pose, Twist, as_array, check_unit, compose, exp, rotation
 from pushfric_core.geometry.support import Support
-from pushfric_core.mechanics.damped_newton import AT_REST
 from pushfric_core.mechanics.quasi_static import MODES, ContactMode, motions_of_rows
 from pushfric_core.records import comparable
+from pushfric_core.trajectories.observation import SLOWEST
 
 STEP = 2.5e-4
 """Longest advance of the tip in one integration step [m]."""
@@ -56,7 +56,7 @@ def pushed_motion(support: Support, touch: Touch, velocity: npt.ArrayLike, mu_c:
         raise ValueError(f"mu_c must be at least 0, got {mu_c:g}")
     velocity, point, normal = map(as_array, (velocity, touch.point, touch.normal))
     approach = float(velocity @ normal)
-    if not approach < -AT_REST:
+    if not approach < -SLOWEST:
         raise ValueError(f"the tip must move into the object, got {-approach:g} m/s along the inward normal")
     rows = np.zeros(1, dtype=np.int64), point[None], normal[None], velocity[None]
     moved = motions_of_rows(support.points, support.weights[None], np.array((mu_c,)), *rows)

@@ -8,6 +8,7 @@ from typing import Any
 from pushfric_core.bags.run_record import PLAN, PlanRecord
 from pushfric_core.bags.samples import INPUTS
 from pushfric_core.estimation.estimate import Estimate
+from pushfric_core.estimation.estimator import check_push
 from pushfric_core.estimation.online_estimation import OnlineEstimation
 from pushfric_core.estimation.recognition import Recognizer
 from pushfric_core.estimation.verdict import Verdict
@@ -109,8 +110,7 @@ class LiveEstimation:
         Raises:
             ValueError: nothing has told of that push.
         """
-        if push_id not in (known := self.pushes | self.excluded):
-            raise ValueError(f"push_id must be one of {', '.join(map(str, sorted(known))) or 'none'}, got {push_id}")
+        check_push(push_id, self.pushes | self.excluded)
         self._settings = dataclasses.replace(self._settings, kept=tuple(sorted({*self._settings.kept, push_id})))
         if push_id in self.excluded:
             self.excluded.remove(push_id)
