@@ -1,16 +1,25 @@
 """What a person at the pusher of a running cell can do with the commands stop, reset, status, echo and jog."""
 
+import os
+import pty
 import re
+import select
+import signal
+import subprocess
+import sys
+import termios
 import time
 
 import pytest
-from calls import invoked
+from calls import PROGRAM, invoked
 from composition import made
 from stage import STAGE
 
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.msg import PusherState
+from pushfric_ros.commands.watch import Keys
 from pushfric_ros.node_kit.person import NoAnswer, Person, line
+from pushfric_ros.node_kit.qos import RELIABLE
 from pushfric_ros.nodes.actuator import ActuatorNode
 
 
@@ -47,3 +56,35 @@ def test_without_a_cell_a_person_is_told_so(monkeypatch):
     assert re.match(r"no service /nobody/actuator/stop; (no cell runs|running) on this machine", str(refused.value))
     assert "no pusher_state comes" in str(invoked("status", "--namespace", "nobody").exception)
     assert "like /cell or /hall/cell_2, got '/no body'" in str(invoked("status", "--namespace", "no body").exception)
+
+
+def test_keys_reach_a_process_that_was_stopped_and_went_on(monkeypatch):
+    ours, theirs = pty.openpty()
+    with os.fdopen(ours, "w") as keyboard, os.fdopen(theirs) as terminal, monkeypatch.context() as patch:
+        patch.setattr(sys, "stdin", terminal)
+        line_by_line = termios.tcgetattr(terminal)
+        with Keys() as keys:
+            for before in (keys, None):
+                if before is None:
+                    termios.tcsetattr(terminal, termios.TCSANOW, line_by_line)  # as a shell does
+                    assert keys.pressed() == ""
+                keyboard.write(" ")
+                keyboard.flush()
+                assert select.select([terminal], [], [], 10)[0]
+                assert keys.pressed() == " "
+        assert termios.tcgetattr(terminal) == line_by_line
+
+
+def test_a_jog_that_is_interrupted_ends(ros):
+    with SimulatedGrbl(time.monotonic) as controller:
+        ros.compose(made(ActuatorNode, "/person_cell", port=controller.port, **STAGE | {"owner_timeout": 60.0}))
+        state, peer = [], ros.node("peer", namespace="/person_cell")
+        peer.create_subscription(PusherState, "pusher_state", state.append, RELIABLE)
+        ros.wait_for(lambda: state and state[-1].mode == PusherState.MODE_IDLE, what="the pusher")
+        with subprocess.Popen([*PROGRAM, "jog", "0.05", "--speed", "0.001", "--namespace", "/person_cell"]) as jog:
+            ros.wait_for(lambda: state[-1].position > 1e-4, what="the jog")
+            jog.send_signal(signal.SIGINT)
+            ros.wait_for(lambda: jog.poll() is not None, what="its end")
+        assert jog.returncode == 130
+        ros.wait_for(lambda: state[-1].mode == PusherState.MODE_IDLE, what="the pusher at rest")
+        assert state[-1].position < 0.04

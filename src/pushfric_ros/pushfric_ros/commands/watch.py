@@ -357,15 +357,20 @@ class Keys(contextlib.AbstractContextManager["Keys"]):
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.work:
+        if self.work and _in_foreground():
             termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
 
     def pressed(self) -> str:
         """The keys pressed since the last call; Ctrl-C is not among them."""
-        if not self.work or not select.select([sys.stdin], [], [], 0)[0]:
+        if not self.work or not _in_foreground():
+            return ""
+        with contextlib.suppress(termios.error):  # the terminal has gone
+            if termios.tcgetattr(sys.stdin)[3] & termios.ICANON:  # a shell that stopped the process has set it back
+                tty.setcbreak(sys.stdin, termios.TCSANOW)
+        if not select.select([sys.stdin], [], [], 0)[0]:
             return ""
         keys = os.read(sys.stdin.fileno(), 64).decode(errors="replace")
-        self.work = bool(keys)  # the terminal has gone
+        self.work = bool(keys)
         return keys
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from rclpy.task import Future
@@ -47,9 +47,9 @@ class Person(contextlib.AbstractContextManager["Person"]):
         self._visit = Visit(make, enclave(namespace, COMMAND_LINE))
         self._node = self._visit.node
         self._states: list[PusherState] = []
-        self._health: list[Any] = []
+        self._health: dict[str, DiagnosticStatus] = {}  # of each node
         self._node.create_subscription(PusherState, "pusher_state", self._take, RELIABLE)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self._health.extend(msg.status), RELIABLE)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._take_health, RELIABLE)
         self._actuator = f"{self._node.get_namespace().rstrip('/')}/actuator"
 
     def __exit__(self, *_: object) -> None:
@@ -70,6 +70,9 @@ class Person(contextlib.AbstractContextManager["Person"]):
 
     def _take(self, state: PusherState) -> None:
         self._states = [state]
+
+    def _take_health(self, report: DiagnosticArray) -> None:
+        self._health |= {status.name: status for status in report.status}
 
     def say_stop(self, seconds: float | None = None) -> None:
         """Publish a stop on the topic, which also reaches nodes that serve no service, once somebody listens.
@@ -132,12 +135,8 @@ class Person(contextlib.AbstractContextManager["Person"]):
         Raises:
             NoAnswer: none come.
         """
-
-        def found() -> list[Any]:
-            return [status for status in self._health if status.name == self._actuator]
-
-        self._wait(found, "no diagnostics of the actuator come")
-        last = found()[-1]
+        self._wait(lambda: self._actuator in self._health, "no diagnostics of the actuator come")
+        last = self._health[self._actuator]
         return {"message": last.message, **{value.key: value.value for value in last.values}}
 
     def jog(self, distance: float, speed: float) -> str:
@@ -154,12 +153,19 @@ class Person(contextlib.AbstractContextManager["Person"]):
         try:
             self._wait(client.server_is_ready, f"no action push; {who_runs()}")
             goal = Push.Goal(push_id=PusherState.NO_PUSH, distance=distance, speed=speed)
-            handle = self._future(heartbeat.send(client, goal), "no answer to the jog")
-            if not handle.accepted:
-                self._health.clear()  # those from before do not know of it
-                raise NoAnswer(f"the actuator refuses: {self.health()['last refusal']}")
-            seconds = abs(distance) / speed * 4 + ANSWER_TIMEOUT
-            result = self._future(handle.get_result_async(), "the jog does not end", seconds).result
+            sent = heartbeat.send(client, goal)
+            try:
+                handle = self._future(sent, "no answer to the jog")
+                if not handle.accepted:
+                    self._health.clear()  # those from before do not know of it
+                    raise NoAnswer(f"the actuator refuses: {self.health()['last refusal']}")
+                seconds = abs(distance) / speed * 4 + ANSWER_TIMEOUT
+                result = self._future(handle.get_result_async(), "the jog does not end", seconds).result
+            except BaseException:  # Ctrl-C, above all
+                if self._visit.spin_until(sent.done, ANSWER_TIMEOUT) and (handle := sent.result()).accepted:
+                    handle.cancel_goal_async()
+                    self._visit.spin_until(handle.get_result_async().done, ANSWER_TIMEOUT)
+                raise
         finally:
             heartbeat.end()
             client.destroy()
