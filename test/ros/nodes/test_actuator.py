@@ -29,7 +29,7 @@ from std_srvs.srv import Trigger
 
 from pushfric_core.pushers.clock import clock
 from pushfric_core.pushers.position_memory import PositionMemory
-from pushfric_core.pushers.pusher import Mode
+from pushfric_core.pushers.pusher import Mode, PusherConfig
 from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import PusherState
@@ -38,6 +38,7 @@ from pushfric_ros.node_kit.heartbeat import Heartbeat
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE, SENSOR_DATA
 from pushfric_ros.node_kit.stop_button import press
 from pushfric_ros.nodes.actuator import ActuatorNode
+from pushfric_ros.nodes.actuator.needs import PushNeeds
 
 NUMBERS = itertools.count()
 MISSED = (
@@ -333,6 +334,14 @@ def test_a_push_is_stopped_when_what_it_needs_is_gone(ros, controller, tmp_path,
         assert cell.reset().message == "released"
         cell.wait_for_mode(IDLE)
         assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
+
+
+def test_enable_counts_from_when_it_came(ros):
+    """Not from when a node that had stood still took it."""
+    needs = PushNeeds(ros.node("late"), PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, 0.06, 0.1, enable_timeout=0.5), None, print)
+    for waited, disabled in ((0.0, None), (3.0, "the topic enable said true 3.0")):
+        needs._on_enable(Bool(data=True), {"received_timestamp": time.time_ns() - round(waited * 1e9)})
+        assert needs.disabled == disabled or needs.disabled.startswith(disabled)
 
 
 @pytest.mark.parametrize("parameters", [{"enable_timeout": 60.0}, {"requires": ["tracker"], "requires_timeout": 0.5}])

@@ -20,7 +20,7 @@ from rclpy.task import Future
 from unique_identifier_msgs.msg import UUID
 
 from pushfric_msgs.msg import Heartbeat as HeartbeatMsg
-from pushfric_ros.node_kit.losses import waiting
+from pushfric_ros.node_kit.losses import waited, waiting
 from pushfric_ros.node_kit.qos import NEWEST, NEWEST_OF_MANY
 from pushfric_ros.node_kit.timers import wall_timer
 
@@ -28,7 +28,7 @@ TOPIC = "heartbeat"
 PERIOD = 0.05  # [s] of real time
 
 FORGOTTEN = 60.0
-"""A node or goal that has shown no sign of life for this long is unknown again [s]."""
+"""A goal whose owner has shown no sign of life for this long is unknown again [s]."""
 
 TWINS, TWINS_WITHIN = 3, 2.0
 """If the number of a node falls this many times within this time [s], two nodes share its name. That of a node that is started
@@ -159,8 +159,7 @@ class Listener:
     def _hear(self, msg: HeartbeatMsg, info: dict[str, Any], since: float) -> None:
         """Note a heartbeat, with the time at which the middleware received it, which lies after the last look."""
         now = time.monotonic()
-        waited = (time.time_ns() - info["received_timestamp"]) / 1e9 if info["received_timestamp"] else 0.0
-        sign = Sign(msg.number, max(now - max(waited, 0.0), since), max(msg.stalled, 0.0))
+        sign = Sign(msg.number, max(now - waited(info), since), max(msg.stalled, 0.0))
         if msg.node in self._nodes and sign.number <= self._nodes[msg.node].number:
             self._falls.setdefault(msg.node, deque(maxlen=TWINS)).append(now)
         self._nodes[msg.node] = sign

@@ -3,6 +3,7 @@
 `qos` says on which topics messages can be lost, and what follows.
 """
 
+import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -137,3 +138,9 @@ def waiting(subscription: Subscription, raw: bool = False) -> Iterator[tuple[Any
             if (taken := subscription.handle.take_message(subscription.msg_type, raw)) is None:
                 return
             yield taken
+
+
+def waited(info: dict[str, Any]) -> float:
+    """How long a message lay in its queue, by what the middleware says of it [s]."""
+    received: int = info["received_timestamp"]
+    return max((time.time_ns() - received) / 1e9, 0.0) if received else 0.0

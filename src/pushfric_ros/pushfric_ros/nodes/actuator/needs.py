@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
@@ -12,6 +13,7 @@ from pushfric_core.pushers.pusher import PusherConfig, PusherFault
 from pushfric_core.pushers.states import Needs
 from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.heartbeat import Listener
+from pushfric_ros.node_kit.losses import waited
 from pushfric_ros.node_kit.qos import RELIABLE, SENSOR_DATA
 from pushfric_ros.nodes.actuator.reports import UnderWay
 
@@ -105,8 +107,8 @@ class PushNeeds:
                 return fault, f"{who} shows no sign of life: its {sign}; {setting} is {limit:g} s{own}"
         return None
 
-    def _on_enable(self, msg: Bool) -> None:
-        self._enabled = clock() if msg.data else -math.inf
+    def _on_enable(self, msg: Bool, info: dict[str, Any]) -> None:
+        self._enabled = clock() - waited(info) if msg.data else -math.inf
 
     def _on_wrench(self, msg: WrenchStamped) -> None:
         force = math.hypot(msg.wrench.force.x, msg.wrench.force.y, msg.wrench.force.z)
