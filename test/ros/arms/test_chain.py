@@ -1,12 +1,18 @@
 """The joints that a URDF names, against the kinematics of examples/arm.py, which are written another way."""
 
+import math
 import pathlib
 
 import arm as example
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
 
-from pushfric_ros.arms.trajectory import DAMPING, Chain
+from pushfric_ros.arms.trajectory import DAMPING, Chain, JointTrajectoryConfig, Trajectories
+from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
+from pushfric_ros.node_kit.visit import visit
 
 EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 SLIDE = """<robot name="gantry"><link name="base"/><link name="turned"/><link name="carriage"/><link name="tip"/>
@@ -72,3 +78,28 @@ def test_a_wrong_urdf_is_one_line(changes, frames, error):
     with pytest.raises(ValueError, match=error) as refusal:
         Chain.between(SLIDE.format(**RAIL | changes), *frames)
     assert "\n" not in str(refusal.value)
+
+
+def test_joints_are_not_moved_from_where_nobody_knows_that_they_are(ros):
+    """Their positions came too long ago, or are none."""
+    topics = {"command": "/gantry/commands", "joint_states": "/gantry/joints", "description": "/gantry/urdf"}
+    config = JointTrajectoryConfig(frame="tip", reference="base", silence=2.0, **topics)
+    gantry, sent = ros.node("gantry"), []
+    gantry.create_subscription(JointTrajectory, config.command, sent.append, RELIABLE)
+    gantry.create_publisher(String, config.description, LATCHED).publish(String(data=SLIDE.format(**RAIL)))
+    joints = gantry.create_publisher(JointState, config.joint_states, RELIABLE)
+
+    def lacks(rail):
+        joints.publish(JointState(name=["rail", "wrist"], position=[rail, 0.0]))
+        return moves.lacks
+
+    with visit("driver") as driver:  # takes what came, and is not spun
+        moves = Trajectories(driver.node, config)
+        ros.wait_for(lambda: lacks(math.nan) == "no positions of rail on /gantry/joints", what="the joints")
+        ros.wait_for(lambda: lacks(0.1) is None, what="the rail")
+        ros.wait_for(lambda: moves.lacks, what="silence")  # nothing is published meanwhile
+        moves.send(np.array((0.0, 0.01, 0.0)), 10**9)
+        ros.wait_for(lambda: lacks(0.1) is None, what="the rail again")
+        moves.send(np.array((0.0, 0.01, 0.0)), 2 * 10**9)
+        ros.wait_for(lambda: sent, what="a trajectory")
+    assert [msg.header.stamp.sec for msg in sent] == [2]

@@ -53,6 +53,7 @@ STILL = 5e-4  # a tip that is slower than this rests [m/s]
 GAIN = 4.0  # speed for each metre that the tip is off, or has left to go [1/s]
 ARRIVED = 5e-5  # [m]
 LATENCIES = 100  # the pose of so many that came soonest after its stamp says what time it is for the arm
+WILD = 1.0  # a pose whose stamp leaps by so much is left out [s]
 MOST_ASIDE = 0.25  # share of a stroke's speed that may go into corrections
 
 
@@ -231,10 +232,11 @@ class Arm(Driver):
         if self._gap > self._silence:
             self._heard = now  # what was sent meanwhile is still on its way
         for body in self._drain():
-            self._ahead.append(1e-9 * body.stamp - now)
-            stamp = self._config.stamp(body)
-            if self._seen and stamp <= self._seen[-1].stamp:
+            ahead, stamp = 1e-9 * body.stamp - now, self._config.stamp(body)
+            wild = self._ahead and abs(ahead - self._ahead[-1]) > WILD
+            if wild or (self._seen and stamp <= self._seen[-1].stamp):
                 continue
+            self._ahead.append(ahead)
             self._seen.append(Seen(stamp, self._axes @ (self._config.place(body) - self._origin)))
             self._heard, self._fresh = now, True
         while len(self._seen) > 2 and self._seen[-1].stamp - self._seen[1].stamp > 1e9 * WINDOW:
@@ -311,6 +313,8 @@ class Arm(Driver):
                     pass
                 stroke.check(along, self._speed)
             if self._is_due:
+                if lacks := self._command.lacks:
+                    raise NotConnected(lacks)
                 left = stroke.target - along
                 if abs(left) < ARRIVED:
                     break

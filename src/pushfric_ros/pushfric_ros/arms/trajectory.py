@@ -4,6 +4,7 @@ Its topic is used, not its action. On both, a trajectory replaces the last one; 
 once, and the result of an action only when it is over. Servo sends its trajectories to this topic, too.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Self
 from xml.etree import ElementTree
@@ -17,10 +18,12 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from pushfric_core.errors import blaming
 from pushfric_core.geometry.planar import Array
+from pushfric_core.pushers.clock import clock
 from pushfric_core.settings import setting
 from pushfric_ros.arms.arm import DEAD_MAN, ArmConfig, Command
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.bodies import messages
+from pushfric_ros.node_kit.losses import waited, waiting
 from pushfric_ros.node_kit.qos import LATCHED, NEWEST, SENSOR_DATA
 
 DAMPING = 1e-2
@@ -187,7 +190,8 @@ class Trajectories:
         self._description = node.create_subscription(String, config.description, lambda _: None, LATCHED)
         self._chain: Chain | None = None
         self._problem = f"no URDF on {config.description}"
-        self._positions: dict[str, float] = {}  # of the joints, as last heard
+        self._positions: dict[str, float] = {}  # of the joints, as last heard,
+        self._heard: dict[str, float] = {}  # and when [s]
         self._course: CubicHermiteSpline | None = None  # of the joints, in the last trajectory
         self._braking = False  # in it
 
@@ -198,14 +202,22 @@ class Trajectories:
             return f"nobody listens to {self.topic}"
         if self._chain is None:
             return self._problem
-        silent = [name for name in self._chain.names if name not in self._positions]
+        silent = self._silent(self._chain)
         return f"no positions of {', '.join(silent)} on {self._config.joint_states}" if silent else None
 
+    def _silent(self, chain: Chain) -> list[str]:
+        """The joints of which nobody knows where they are now."""
+        since = clock() - self._config.silence
+        return [name for name in chain.names if self._heard.get(name, -math.inf) < since]
+
     def send(self, velocity: Array, stamp: int) -> None:
-        """See Command. The joints go on from where the last trajectory has them by now, if they are about there."""
+        """See Command. The joints go on from where the last trajectory has them by now, if they are about there.
+
+        If nobody knows where they are, the last trajectory ends their motion.
+        """
         self._listen()
         assert self._chain is not None
-        if self._braking and not velocity.any():
+        if (self._braking and not velocity.any()) or self._silent(self._chain):
             return
         self._braking = not velocity.any()
         here = np.array([self._positions[name] for name in self._chain.names])
@@ -236,5 +248,7 @@ class Trajectories:
                 self._chain = Chain.between(msg.data, self._config.reference, self._config.frame)
             except ValueError as error:
                 self._problem = f"the URDF on {self._config.description}: {error}"
-        for msg in messages(self._states):
-            self._positions.update(zip(msg.name, msg.position, strict=False))
+        for msg, info in waiting(self._states):
+            for name, position in zip(msg.name, msg.position, strict=False):
+                if math.isfinite(position):
+                    self._positions[name], self._heard[name] = position, clock() - waited(info)
