@@ -64,7 +64,8 @@ class Table:
         self.now = None  # time of the poses [ns]; None: that of the pusher's last report
         self.shown = lambda pose: pose  # what the camera shows of the object
         self._pushed: tuple[int, Pose] | None = None  # the present push, and where the object lay before it
-        self.left_out: list[int] = []  # pushes that the estimator was told to exclude
+        self.left_out: list[int] = []  # pushes that the estimator was told to exclude,
+        self.refuses = 0  # and how often it refuses that
         self.newest = 0  # stamp of the estimator's newest observation [ns]
         self.well = ["/cell/estimator"]
         self.settled = 0 if parameters.get("choose") else (2**31 - 1) * 10**9  # what the estimator reports [ns]
@@ -94,7 +95,7 @@ class Table:
 
     def _on_exclude(self, request: SelectPush.Request, response: SelectPush.Response) -> SelectPush.Response:
         self.left_out.append(request.push_id)
-        response.success = True
+        response.success = len(self.left_out) > self.refuses
         return response
 
     def _on_state(self, msg: PusherState) -> None:
@@ -563,6 +564,16 @@ def test_an_estimator_that_died_before_it_answered_is_asked_again(ros, controlle
     table._node.create_service(SelectPush, "estimator/exclude_push", table._on_exclude)
     table.wait_for_end()
     assert set(table.left_out) == {2}
+
+
+def test_an_estimator_that_still_reads_its_bag_is_asked_again(ros, controller, tmp_path, monkeypatch):
+    monkeypatch.setattr(others, "ASK_AGAIN", 0.2)
+    table = Table(ros, tmp_path, attended=False, start=3)
+    account, table.refuses = table.node._estimator, 2
+    ros.wait_for(lambda: account.heard and account._observed[2], 120.0, "an observation")
+    account.unwanted.append(2)
+    table.wait_for_end()
+    assert table.left_out == [2, 2, 2]
 
 
 def test_a_standstill_of_the_node_counts_as_silence_of_nobody(monkeypatch):

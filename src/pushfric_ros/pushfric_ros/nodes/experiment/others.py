@@ -1,5 +1,6 @@
 """The other nodes of the cell, as the experiment knows them."""
 
+import math
 import time
 from collections import defaultdict
 from functools import partial
@@ -19,7 +20,7 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 NOT_OBSERVED = "no observation came from it"
 
-ASK_AGAIN = 3.0  # an estimator that has not answered for so long is asked again [s of wall time]
+ASK_AGAIN = 3.0  # an estimator that has not answered, or goes on from a bag, is asked again after so long [s of wall time]
 
 BEFORE_SLIPS = 3  # pushes for p_CF, before every other one that is chosen is for mu_c
 
@@ -47,7 +48,7 @@ class EstimatorAccount:
         self.unwanted: list[int] = []
         self._exclude = node.create_client(SelectPush, "estimator/exclude_push")
         self._answer: Future | None = None  # on the first unwanted push
-        self._asked = 0.0  # when it was asked for that [s of wall time]
+        self._asked = -math.inf  # when it was asked for that [s of wall time]
         if chooses:
             topics.subscribe(CenterOfFrictionRegion, "center_of_friction_region", partial(setattr, self, "_region"), LATCHED)
             topics.subscribe(ContactFriction, "contact_friction", partial(setattr, self, "_mu_c"), LATCHED)
@@ -74,13 +75,15 @@ class EstimatorAccount:
         return f"only {counted(found, 'observation')} came from it, up to {most} from others" if found else NOT_OBSERVED
 
     def ask_exclusions(self) -> None:
-        """Tell it what to leave out, if it is time; again, if it died before it answered."""
+        """Tell it what to leave out, if it is time; again, if it died before it answered, or was still reading its bag."""
         if self._answer is not None and self._answer.done():
-            # the estimator refuses if nothing was observed of the push, which is as well
+            push, left_out = self.unwanted.pop(0), self._answer.result().success
             self._answer = None
-            self.unwanted.pop(0)
-        due = self.unwanted and self.settled >= self.pushed
-        due = due and (self._answer is None or time.monotonic() - self._asked > ASK_AGAIN)
+            if left_out or not self._observed[push]:  # if nothing was observed of it, a refusal is as well
+                self._asked = -math.inf
+            else:
+                self.unwanted.append(push)
+        due = self.unwanted and self.settled >= self.pushed and time.monotonic() - self._asked > ASK_AGAIN
         if due and self._progress.get_publisher_count() and self._exclude.service_is_ready():
             self._answer, self._asked = self._exclude.call_async(SelectPush.Request(push_id=self.unwanted[0])), time.monotonic()
 

@@ -81,7 +81,7 @@ class ReportedPusher:
         if self.was_stopped:
             return "it was stopped: press Reset, or call ./pushfric reset, when it is free to move"
         if self.state.mode != PusherState.MODE_IDLE:
-            return HINDRANCES[self.state.mode]
+            return HINDRANCES.get(self.state.mode, f"it reports an unknown mode, {self.state.mode}")
         return None if self._serves() else "its action server is not available"
 
     @property
