@@ -62,6 +62,12 @@ def test_a_frame_is_followed_through_the_tree():
     assert body.stamp == 6_000_000_000
     assert body.position == pytest.approx((2, 0, -0.5))  # half a turn about x: tool is below link
     assert source.body(MOVING, tf(transform_msg("world", "elsewhere", (0, 0, 0), about((0, 0, 1), 0.0), 7))) is None
+    nonsense = transform_msg("world", "elsewhere", (0, 0, 0), (0, 0, 0, 0), 7)  # of a frame that is on no way to the tool
+    assert (
+        source.body(MOVING, tf(nonsense, transform_msg("world", "link", (1, 2, 0), about((1, 0, 0), math.pi), 7))) is not None
+    )
+    with pytest.raises(ValueError, match="a quaternion of length 1, got length 0"):
+        source.body(MOVING, tf(transform_msg("world", "link", (1, 2, 0), (0, 0, 0, 0), 7)))
     with pytest.raises(ValueError, match="the transforms above the frame 'tool' run in a circle"):
         source.body(MOVING, tf(transform_msg("tool", "world", (0, 0, 0), about((0, 0, 1), 0.0), 8)))
 

@@ -85,3 +85,5 @@ def test_a_tip_that_is_followed_again_goes_on_with_the_next_push(ros, bag):
     ros.wait_for(lambda: show(-0.1) or states[-1].push_id == PusherState.NO_PUSH, what="the end of the push")
     ros.wait_for(lambda: show(-0.003) or states[-1].push_id == 4, what="the next push")
     assert {msg.push_id for msg in states} == {PusherState.NO_PUSH, 3, 4}
+    seconds[0] = 1  # the clock is set back
+    ros.wait_for(lambda: show(-0.003) or states[-1].header.stamp.sec < 10, what="a state after it")

@@ -91,17 +91,14 @@ class Transforms:
     def __init__(self, frame: str, reference: str) -> None:
         self.topics = {FIXED: (TYPE, "latched"), MOVING: (TYPE, "reliable")}
         self._frame, self._reference = frame, reference
-        self._parents: dict[str, tuple[str, Body]] = {}
+        self._parents: dict[str, tuple[str, Any, bool]] = {}  # of each frame: its parent, its transform, whether it is fixed
 
     def body(self, topic: str, msg: Any) -> Body | None:
         """The frame after a message; None if the message does not move it, or the way to it is not known yet."""
         moved = set()
         for each in msg.transforms:
             parent, child = each.header.frame_id.lstrip("/"), each.child_frame_id.lstrip("/")
-            body = Body.of(each.header.stamp, each.transform.translation, each.transform.rotation)
-            if topic == FIXED:
-                body = body._replace(stamp=0)
-            self._parents[child] = parent, body
+            self._parents[child] = parent, each, topic == FIXED
             moved.add(child)
         down, up = self._ancestry(self._frame), self._ancestry(self._reference)
         common = next((name for name in down if name in up), None)
@@ -110,9 +107,15 @@ class Transforms:
         below, above = down[: down.index(common)], up[: up.index(common)]
         if topic == FIXED or not moved & {*below, *above}:
             return None
-        path = [self._parents[name][1].inverted() for name in above]
-        path += [self._parents[name][1] for name in reversed(below)]
+        path = [self._place(name).inverted() for name in above]
+        path += [self._place(name) for name in reversed(below)]
         return functools.reduce(Body.before, path)  # each is in the frame of the one before
+
+    def _place(self, name: str) -> Body:
+        """A frame in its parent."""
+        _, each, fixed = self._parents[name]
+        body = Body.of(each.header.stamp, each.transform.translation, each.transform.rotation)
+        return body._replace(stamp=0) if fixed else body
 
     def _ancestry(self, name: str) -> list[str]:
         """A frame, its parent, the parent of that, and so on."""

@@ -14,6 +14,7 @@ from pushfric_core.cell.mount import MountConfig
 from pushfric_core.cell.node_settings import FrameConfig, ObjectConfig, TipConfig, TipNodeConfig
 from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.planar import TABLE, Array, inverse, transform
+from pushfric_core.trajectories.stream import DISORDER
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.bodies import BodyListener, source_of
@@ -86,14 +87,14 @@ class TipSourceNode(Node):
 
     def _on_body(self, body: Any) -> None:
         stamp, tip = self._mount.stamp(body), self._mount.point(body)
-        if self._last is not None and stamp <= self._last[0]:
-            return  # a repetition, or a message that a later one overtook
         speed = 0.0
         if self._last is not None:
-            moved = tip - self._last[1]
+            step, moved = stamp - self._last[0], tip - self._last[1]
+            if -DISORDER < step <= 0:
+                return  # a repetition, or a message that a later one overtook
             length = float(np.hypot(*moved))
-            if length > 0:
-                self._direction, speed = moved / length, length / (stamp - self._last[0]) * 1e9
+            if length > 0 and step > 0:
+                self._direction, speed = moved / length, length / step * 1e9
         self._last = stamp, tip
         if self._before is None:
             self._count(tip)

@@ -5,11 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from pushfric_core.geometry.planar import Pose
+from pushfric_core.trajectories.stream import DISORDER
 from pushfric_core.vision.camera import Camera, Image
 from pushfric_core.vision.sighting import NotSeen, Sighting, Tracker
-
-DISORDER = 1_000_000_000
-"""Frames that are late by up to this [ns] are dropped; a longer step back means that the clock was reset."""
 
 REPLACED = 0.03
 """An object that moves farther than this [m] between two frames was moved by hand."""
