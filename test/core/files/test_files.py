@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import typing
 
 import numpy as np
@@ -13,9 +14,12 @@ from pushfric_core.cell.cell_file import SECTIONS, driver_kinds, load_cell
 from pushfric_core.cell.node_settings import ImagesConfig
 from pushfric_core.estimation.push_plan import PlannedPush
 from pushfric_core.files.csv_files import MOVED, TURNED, read_edge_pushes, read_observations, read_point_pushes
+from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import load_object, read_points, save_object
 from pushfric_core.files.plan_file import load_plan, save_plan
 from pushfric_core.settings import key_of
+from pushfric_core.vision.board import Board
+from pushfric_core.vision.printed_pdf import save_board
 from pushfric_ros.graph import graph
 
 TRIANGLE = "name: triangle\noutline: [[0, 0], [0.15, 0], [0, 0.15]]\n"
@@ -157,6 +161,21 @@ def test_a_file_that_is_missing_is_named_once(tmp_path, read):
     with pytest.raises(InvalidInput) as refusal:
         read(tmp_path / "none.yaml")
     assert str(refusal.value) == f"{tmp_path}/none.yaml: cannot be read: No such file or directory"
+
+
+def test_a_link_and_a_pipe_stay_where_a_file_is_written(tmp_path):
+    (tmp_path / "link.json").symlink_to(tmp_path / "there.json")
+    write_whole(tmp_path / "link.json", "1")
+    assert ((tmp_path / "link.json").is_symlink(), (tmp_path / "there.json").read_text()) == (True, "1")
+    os.mkfifo(tmp_path / "pipe")
+    with open(os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)) as reader:
+        write_whole(tmp_path / "pipe", "2")
+        assert reader.read() == "2"
+    assert (tmp_path / "pipe").is_fifo()
+    (tmp_path / f".board.pdf.{os.getpid()}").symlink_to("/dev/full")  # the draft of a figure
+    with pytest.raises(InvalidInput, match=r"board\.pdf: cannot be written: No space left on device$"):
+        save_board(Board(), tmp_path / "board.pdf")
+    assert not (tmp_path / "board.pdf").exists()
 
 
 def test_a_plan_is_read(write):

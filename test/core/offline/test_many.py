@@ -19,7 +19,7 @@ from semantic_damage import Recording
 from pushfric_core import TABLE_1, Observations, Twist
 from pushfric_core.files.model_file import load_model
 from pushfric_core.offline.estimation import Choices
-from pushfric_core.offline.many import RESULTS, estimate_many
+from pushfric_core.offline.many import RESULTS, estimate_many, fingerprint, model_of
 
 BAG = pathlib.Path(__file__).resolve().parents[3] / "bags/rubber_rect4"
 NAME = "delrin_square3"
@@ -144,16 +144,31 @@ def test_a_run_goes_on_where_it_was(inputs, tmp_path):
     assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 9
 
 
+def test_an_input_of_the_same_name_and_an_object_that_changes_are_told_apart(tmp_path, monkeypatch):
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        write_pushes(tmp_path / folder / "data.csv", 1)
+        monkeypatch.chdir(tmp_path / folder)
+        invoked("estimate", "data.csv", "--object", NAME, "--out", "../out", "--jobs", 1)
+    assert len(list((tmp_path / "out/models").iterdir())) == 2
+    bag = shutil.copytree(BAG, tmp_path / "bag")
+    (recording,) = bag.glob("*.mcap")
+    before = fingerprint(recording, Choices(NAME))
+    (bag / "object.yaml").write_text((bag / "object.yaml").read_text() + "\n")
+    assert fingerprint(recording, Choices(NAME)) != before
+
+
 def test_what_the_disk_refused_is_tried_again(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # a model is named by its path from here
+    monkeypatch.chdir(tmp_path)
     write_pushes(tmp_path / "data.csv", 1)
     models = tmp_path / "out/models"
     models.mkdir(parents=True)
-    (models / f".data.yaml.{os.getpid()}").symlink_to("/dev/full")  # the draft of the model
+    model = tmp_path / "out" / model_of(tmp_path / "data.csv")
+    model.with_name(f".{model.name}.{os.getpid()}").symlink_to("/dev/full")  # the draft of the model
     arguments = ("estimate", "data.csv", "--object", NAME, "--out", "out", "--jobs", 1)
     assert "No space left on device" in " ".join(invoked(*arguments).stderr.split())
     assert invoked(*arguments).exit_code == 0
-    assert (models / "data.yaml").is_file()
+    assert model.is_file()
 
 
 def test_ctrl_c_while_the_workers_load_is_quiet(inputs, tmp_path):

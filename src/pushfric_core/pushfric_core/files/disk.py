@@ -69,17 +69,22 @@ def as_named_here(error: Exception, names: Mapping[str, str]) -> str:
 
 
 def write_whole(path: pathlib.Path, content: str | bytes) -> None:
-    """Write a file, text as UTF-8, and make its folder; an earlier one of this name is replaced.
+    """Write a file, text as UTF-8, and make its folder; one that is there is replaced, a device or a pipe written to.
 
     Raises:
         InvalidInput: the file cannot be written.
     """
     make_folder(path.parent)
-    draft = path.with_name(f".{path.name}.{os.getpid()}")
+    content = content.encode() if isinstance(content, str) else content
     with writing(path):
+        if path.exists() and not path.is_file():
+            path.write_bytes(content)
+            return
+        path = path.resolve()  # a link stays
+        draft = path.with_name(f".{path.name}.{os.getpid()}")
         try:
             with draft.open("wb") as stream:
-                stream.write(content.encode() if isinstance(content, str) else content)
+                stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
             draft.replace(path)

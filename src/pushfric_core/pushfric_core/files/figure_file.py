@@ -1,12 +1,13 @@
 """The file of a figure: its suffix selects the format."""
 
+import io
 import pathlib
 
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.disk import make_folder, writing
+from pushfric_core.files.disk import write_whole
 
 
 def check_image_name(path: pathlib.Path) -> None:
@@ -29,6 +30,5 @@ def save_figure(figure: Figure, path: pathlib.Path, dpi: int = 130) -> None:
         InvalidInput: the image cannot be written, or has no such format.
     """
     check_image_name(path)
-    make_folder(path.parent)
-    with writing(path):
-        figure.savefig(path, dpi=dpi)
+    figure.savefig(content := io.BytesIO(), dpi=dpi, format=path.suffix[1:])
+    write_whole(path, content.getvalue())

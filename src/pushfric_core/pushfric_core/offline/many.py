@@ -6,6 +6,7 @@ Every finished input adds one line of JSON to `results.jsonl`, from which the ta
 import csv
 import dataclasses
 import hashlib
+import io
 import json
 import multiprocessing
 import os
@@ -24,9 +25,9 @@ from typing import Any, TypeVar
 from pushfric_core import __version__
 from pushfric_core.bags.recorded import bags_in, beside, is_bag
 from pushfric_core.errors import InvalidInput, PushfricError, blaming
-from pushfric_core.files.disk import writing
+from pushfric_core.files.disk import write_whole, writing
 from pushfric_core.files.model_file import save_model
-from pushfric_core.files.object_file import OBJECT_FILE
+from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE
 from pushfric_core.offline.estimation import Choices, estimate_from
 from pushfric_core.records import to_json
 
@@ -37,7 +38,7 @@ Line = dict[str, Any]
 """Keys of an input's result: `input`, `fingerprint`, `warnings`; then `error`, or the keys of `estimate --json`, `doubts` and
 `model`; at last `checksum`."""
 
-FORMAT = 3
+FORMAT = 4
 """Lines of another format are made again."""
 
 
@@ -80,14 +81,13 @@ def estimate_many(
         InvalidInput: the folder cannot be written, or no cluster answers.
         WorkerKilled: a process was killed; the lines up to then are in the folder.
     """
-    models = model_names(inputs)
     with writing(out):
         (out / MODELS).mkdir(parents=True, exist_ok=True)
         lines = _earlier(out / RESULTS, {str(path): fingerprint(path, choices) for path in inputs})
         for line in lines.values():
             finished(line)
         missing = [path for path in inputs if str(path) not in lines]
-        work = partial(_line_of, choices=choices, models={str(path): out.absolute() / models[path] for path in missing})
+        work = partial(_line_of, choices=choices, out=out.absolute())
         with (out / RESULTS).open("a", encoding="utf-8") as stream:
             if (out / RESULTS).read_bytes()[-1:] not in (b"", b"\n"):  # an interrupted run leaves half a line
                 stream.write("\n")
@@ -113,11 +113,10 @@ def counts(lines: Sequence[Line]) -> dict[str, int]:
 
 def write_table(lines: Sequence[Line], folder: pathlib.Path) -> pathlib.Path:
     """Write the table of many estimates; return the file."""
-    # names may have bytes that are no text
-    with (folder / TABLE).open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
-        table = csv.DictWriter(stream, COLUMNS)
-        table.writeheader()
-        table.writerows(map(_table_row, lines))
+    table = csv.DictWriter(content := io.StringIO(), COLUMNS)
+    table.writeheader()
+    table.writerows(map(_table_row, lines))
+    write_whole(folder / TABLE, content.getvalue().encode(errors="backslashreplace"))
     return folder / TABLE
 
 
@@ -135,29 +134,14 @@ def _table_row(line: Line) -> Line:
     return row
 
 
-def model_names(inputs: Iterable[pathlib.Path]) -> dict[pathlib.Path, pathlib.Path]:
-    """Where the model of each input goes, in the folder of the results; the name follows from the input's path alone.
-
-    Where several inputs would have one name, as a bag and a CSV next to it, a few digits of the path distinguish them.
-    """
-    named = {path: _name_of(path) for path in inputs}
-    times = Counter(named.values())
-    for path, name in named.items():
-        if times[name] > 1:
-            named[path] = f"{name}-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}"
-    return {path: pathlib.Path(MODELS) / f"{name}.yaml" for path, name in named.items()}
-
-
-def _name_of(path: pathlib.Path) -> str:
-    """The parts of a path, without the suffix of a file; a folder's name may have dots of its own."""
-    relative = pathlib.Path(os.path.relpath(path))
-    whole = relative if path.is_dir() else relative.with_suffix("")
-    return "-".join(part for part in whole.parts if part.strip("./"))
+def model_of(path: pathlib.Path) -> pathlib.Path:
+    """Where the model of an input goes, in the folder of the results: its name, and a few digits of its absolute path."""
+    return pathlib.Path(MODELS, f"{path.name}-{hashlib.sha256(os.fsencode(path)).hexdigest()[:8]}.yaml")
 
 
 def fingerprint(path: pathlib.Path, choices: Choices) -> str:
     """Changes with the input, with what was chosen for it, and with the version of pushfric."""
-    named = [pathlib.Path(choices.object_name), choices.support_points]
+    named = [pathlib.Path(choices.object_name), choices.support_points, beside(path, OBJECT_FILE), beside(path, PRIOR_FILE)]
     files = [file for file in named if file is not None and file.is_file()]
     files += sorted(path.rglob("*")) if path.is_dir() else [path]
     parts: list[Any] = [__version__, FORMAT, dataclasses.asdict(choices)]
@@ -192,7 +176,7 @@ def _checksum(line: Line) -> str:
     return hashlib.sha256(to_json(said).encode()).hexdigest()[:16]
 
 
-def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Path]) -> str:
+def _line_of(path: pathlib.Path, choices: Choices, out: pathlib.Path) -> str:
     """Estimate one input and write its model; return its line as JSON, which holds whatever went wrong."""
     warnings: list[str] = []
     line: Line = {"input": str(path), "fingerprint": fingerprint(path, choices), "warnings": warnings}
@@ -204,9 +188,8 @@ def _line_of(path: pathlib.Path, choices: Choices, models: dict[str, pathlib.Pat
         line |= estimation.figures()
         line["doubts"] = [] if choices.partial else [one._asdict() for one in estimation.ledger.doubts]
         if estimation.result.contradiction is None:
-            model = models[str(path)]
-            save_model(estimation.to_model(), model)
-            line["model"] = f"{MODELS}/{model.name}"
+            save_model(estimation.to_model(), out / model_of(path))
+            line["model"] = str(model_of(path))
     except PushfricError as error:
         line["error"] = str(error)
     except Exception as error:  # noqa: BLE001 - a fault of ours must not stop the other inputs; its traceback is reported
