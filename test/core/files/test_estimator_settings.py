@@ -1,5 +1,7 @@
 """The estimator's settings are recorded in the bag, and read from it again."""
 
+import re
+
 import numpy as np
 import pytest
 from calls import figures
@@ -27,13 +29,13 @@ UNUSUAL = EstimatorSettings(
 )
 
 
-def bag_of(folder, text):
+def bag_of(folder, text, before=EstimatorSettings().to_text()):  # noqa: B008
     """A bag of observations, with the settings as the estimator publishes them, if there are any."""
     with BagWriter(folder) as writer:
         writer.add_topic("/cell/observation", "pushfric_msgs/msg/Observation", [offered(RELIABLE)])
         if text is not None:
             writer.add_topic("/cell/estimator_settings", "std_msgs/msg/String", [offered(LATCHED)])
-            for said in (EstimatorSettings().to_text(), text):  # the settings with an exclusion come later
+            for said in (before, text):  # the settings with an exclusion come later
                 writer.write("/cell/estimator_settings", 1, serialize_message(String(data=said)))
         for stamp, observation in enumerate(DATA):
             writer.write("/cell/observation", 1 + stamp, serialize_message(observation_to_msg(observation, NAME)))
@@ -75,9 +77,10 @@ def test_a_bag_without_settings_was_recorded_with_the_defaults(tmp_path):
     assert Recorded(bag_of(tmp_path / "bag", None)).settings == EstimatorSettings()
 
 
-def test_unknown_settings_are_refused(tmp_path):
-    bag = bag_of(tmp_path / "bag", '{"colour": 1}')
-    with pytest.raises(
-        InvalidInput, match=r"bag: /cell/estimator_settings is not understood: expected any of terms, .*, got colour$"
-    ):
-        _ = Recorded(bag).settings
+def test_unknown_settings_are_left_out_and_refused_where_there_are_no_others(tmp_path):
+    strange, why = '{"colour": 1}', r": /cell/estimator_settings is not understood: expected any of terms, .*, got colour$"
+    recorded = Recorded(bag_of(tmp_path / "bag", strange, UNUSUAL.to_text()))
+    assert recorded.settings == UNUSUAL
+    assert any(re.search(f"a message is left out: .*{why}", doubt.text) for doubt in recorded.ledger().doubts)
+    with pytest.raises(InvalidInput, match=why):
+        _ = Recorded(bag_of(tmp_path / "other", strange, strange)).settings

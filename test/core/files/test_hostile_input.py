@@ -15,7 +15,7 @@ import pytest
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Quaternion, Vector3, WrenchStamped
 from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.serialization import serialize_message
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
 from pushfric_core import InvalidInput, Outline
 from pushfric_core.bags import samples
@@ -122,6 +122,9 @@ def test_other_magnitudes_beyond_reason_are_refused():
     ]:
         with pytest.raises(ValueError, match=expected):
             samples.pusher_sample_from_msg(PusherState(direction=Vector3(x=1.0), **fields))
+    for take in (samples.pose_sample_from_msg, samples.pusher_sample_from_msg):
+        with pytest.raises(ValueError, match="must have frame_id 'table', got 'world'"):
+            take(PusherState(header=Header(frame_id="world")))
     for fields, expected in [
         ({"half_width": HUGE}, "half_width must lie within 3 m"),
         ({"force": Vector3(x=HUGE)}, "force must lie within 10000 N"),

@@ -4,13 +4,13 @@ import contextlib
 import functools
 import os
 import pathlib
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from pushfric_core.bags.rosbag2_metadata import METADATA
+from pushfric_core.bags.rosbag2_metadata import METADATA, NO_BAG
 from pushfric_core.bags.run_record import TYPES, PlanRecord, RunRecord, content
 from pushfric_core.bags.samples import INPUTS
 from pushfric_core.belief.symptoms import tip_stays_away
@@ -49,12 +49,14 @@ def check_source(path: pathlib.Path) -> None:
     """Check that a path leads to something that may contain observations.
 
     Raises:
-        InvalidInput: there is no such file, or it is a folder of several bags, one of which must be named.
+        InvalidInput: there is no such file, or it is a folder without a bag, or of several, one of which must be named.
     """
     if not os.path.exists(path):
         raise InvalidInput(f"{path}: no such file; expected a bag or a CSV of observations")
     if bags := bags_in(path):
         raise InvalidInput(f"{path}: is a folder of bags, expected one of them: {', '.join(map(str, bags))}")
+    if path.is_dir() and not is_bag(path):
+        raise InvalidInput(f"{path}: {NO_BAG}")
 
 
 def is_bag(folder: pathlib.Path) -> bool:
@@ -93,6 +95,7 @@ class Recorded:
         check_source(path)
         self.path, self._namespace = path, namespace
         self.on_observation: Callable[[Observation], None] = lambda observation: None
+        self._strange: InvalidInput | None = None  # why settings in the bag do not count
         self._bag = bag if bag is not None or path.suffix == ".csv" else _opened(path)
 
     @property
@@ -112,9 +115,16 @@ class Recorded:
         if bag is None or type_name is None:
             return None
         _check_type(bag, topic, type_name)
-        (last,) = deque(bag.messages([topic]), maxlen=1)
-        with blaming(f"{self.path}: {topic} is not understood"):
-            return EstimatorSettings.from_text(content(bag, last, lambda message: str(message.data)))
+        settings = None
+        for one in bag.messages([topic]):
+            try:
+                with blaming(f"{self.path}: {topic} is not understood"):
+                    settings = EstimatorSettings.from_text(content(bag, one, lambda message: str(message.data)))
+            except InvalidInput as error:
+                self._strange = error
+        if settings is None and self._strange is not None:
+            raise self._strange
+        return settings
 
     def source(self, with_forces: bool) -> ObservationSource:
         """The source of a bag's observations: poses if there are any, so that they are made as in a live run.
@@ -212,7 +222,7 @@ class Recorded:
     ) -> tuple[list[Observation], Ledger, PlanRecord]:
         """The observations of a bag, those that its run went on from first, and what became of its messages."""
         ledger, record, before = Ledger(), RunRecord(bag, source.namespace), beside(self.path, PRIOR_FILE)
-        outline = Outline.rectangle(0.1, 0.1) if model is None else model.outline
+        own, outline = self._own_settings, Outline.rectangle(0.1, 0.1) if model is None else model.outline
         earlier = [] if model is None or before is None else prior(before, model)
         found: list[Observation] = []
         for observation in _made(bag, source, outline, settings.trajectory, ledger, record, warn):
@@ -221,12 +231,14 @@ class Recorded:
             found.append(observation)
         _enter_unread(bag, source, ledger)
         ledger.doubt_refused()
+        if self._strange is not None:
+            ledger.doubt(DoubtCode.NOT_UNDERSTOOD, f"a message is left out: {self._strange}")
         for text in bag.lost:
             ledger.doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}")
         if model is None:
             ledger.forget_the_outline()
         of_the_run = found if model is not None and _is_recorded(self.path, model) else None
-        record.close(ledger, of_the_run, settings, self._own_settings, len(earlier))
+        record.close(ledger, of_the_run, settings, own, len(earlier))
         return (earlier if found else []) + found, ledger, record.plan
 
     def _cell(self, bag: "Bag") -> str | None:

@@ -17,6 +17,9 @@ VERSION = 9
 
 CONVERT = f"rosbags-convert --src BAG --dst NEW --dst-storage mcap makes an MCAP bag of one with {METADATA}"
 
+NO_BAG = f"is not a bag, expected {METADATA}, or an .mcap file in it; {CONVERT}"
+"""Said of a folder."""
+
 COMPRESSION_MODES = ("", "none", "file", "message")
 
 FILE_LIMIT = 10_000
@@ -132,7 +135,7 @@ def parts_of(path: pathlib.Path, metadata: BagMetadata | None) -> Parts:
             (),
         )
     if not present:
-        raise InvalidInput(f"{path}: is not a bag, expected {METADATA}, or an .mcap file in it; {CONVERT}")
+        raise InvalidInput(f"{path}: {NO_BAG}")
     matches = ((file, _NUMBERED.fullmatch(file.name)) for file in present)
     known = {file: None if one is None else (one["base"], int(one["number"])) for file, one in matches}
     files = tuple(sorted(present, key=lambda file: (known[file] is None, (known[file] or ("", 0))[1], file.name)))

@@ -55,12 +55,18 @@ def pose_from_msg(msg: Any) -> Pose:
     return Pose(msg.position.x, msg.position.y, theta)
 
 
+def _check_frame(what: str, name: str) -> None:
+    if not is_frame(name, TABLE):
+        raise ValueError(f"{what} must have frame_id {TABLE!r}, got {name!r}")
+
+
 def pose_sample_from_msg(msg: Any) -> PoseSample:
     """The stamp [ns] and the planar pose in a message.
 
     Raises:
-        ValueError: as for `pose_from_msg`.
+        ValueError: as for `pose_from_msg`, or the pose is in another frame than the table's.
     """
+    _check_frame("a pose", msg.header.frame_id or TABLE)
     return PoseSample(stamp_from_msg(msg.header.stamp), pose_from_msg(msg.pose.pose))
 
 
@@ -68,8 +74,10 @@ def pusher_sample_from_msg(msg: Any) -> PusherSample:
     """The state of a pusher; its line runs through the reported tip, and its origin is at stroke position 0.
 
     Raises:
-        ValueError: a value is not finite, the direction is not a unit vector, or as for `PushingLine`.
+        ValueError: a value is not finite, the direction is not a unit vector, the frame is not the table's, or as for
+            `PushingLine`.
     """
+    _check_frame("a pusher state", msg.header.frame_id or TABLE)
     direction = (msg.direction.x, msg.direction.y)
     numbers = (msg.position, msg.speed, msg.tip.x, msg.tip.y, *direction, msg.tip_radius)
     check_within("a pusher state", numbers, FARTHEST, "m or m/s")
@@ -90,8 +98,7 @@ def force_sample_from_msg(msg: Any) -> ForceSample:
     Raises:
         ValueError: the force is not finite, or not in the table frame.
     """
-    if not is_frame(msg.header.frame_id, TABLE):
-        raise ValueError(f"a wrench must have frame_id {TABLE!r}, got {msg.header.frame_id!r}")
+    _check_frame("a wrench", msg.header.frame_id)
     force = (msg.wrench.force.x, msg.wrench.force.y)
     check_within("a force", force, STRONGEST, "N")
     return ForceSample(stamp_from_msg(msg.header.stamp), force)

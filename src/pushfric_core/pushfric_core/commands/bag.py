@@ -108,7 +108,7 @@ def _checked(path: pathlib.Path) -> CheckedBag:
     notes = [*bag.notes]
     if not bag.summary.message_count and bag.damage is None:
         doubts.append(Doubt(DoubtCode.EMPTY, "holds no messages: its recorder heard nobody"))
-    elif not ledgers and bag.damage is None:
+    elif not ledgers and not doubts and bag.damage is None:
         notes.append("holds nothing of a cell, neither poses and pusher states nor observations")
     elif beside(path, OBJECT_FILE) is None and any(ledger.accounts[POSES].received for ledger in ledgers.values()):
         notes.append(f"without {OBJECT_FILE} in it, nobody knows which observations its poses give")

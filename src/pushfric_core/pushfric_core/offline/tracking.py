@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 
 from pushfric_core.bags.bag import Bag
 from pushfric_core.bags.samples import pose_sample_from_msg, stamp_from_msg
-from pushfric_core.errors import InvalidInput, blaming
+from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Pose, wrap
-from pushfric_core.vision.camera import Image
 from pushfric_core.vision.image_messages import TYPES, image_from_msg
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.vision.sighting import NotSeen, Tracker
@@ -76,13 +75,17 @@ def track_again(bag: Bag, topic: str, tracker: Tracker, time_offset: float) -> R
         topic: of the images.
         tracker: finds the object.
         time_offset: added to the stamps of images to give those of poses [s]; keyframes have those of poses.
-    Raises:
-        InvalidInput: an image cannot be read.
     """
     recorded = dict(_poses(bag))
     shift = 0 if topic.endswith(KEYFRAMES) else round(time_offset * 1e9)
     found, last = Retracked(topic), None
-    for stamp, frame in _images(bag, topic):
+    for message in bag.messages([topic]):
+        try:
+            msg = bag.deserialize(message)
+            stamp, frame = stamp_from_msg(msg.header.stamp), image_from_msg(msg)
+        except (ValueError, AttributeError) as error:
+            found.images.append(Tracked(message.log_time_ns, None, None, f"the image cannot be read: {error}"))
+            continue
         image = Tracked(stamp + shift, None, recorded.get(stamp + shift))
         found.images.append(image)
         try:
@@ -99,13 +102,6 @@ def _poses(bag: Bag) -> Iterator[tuple[int, Pose]]:
             yield pose_sample_from_msg(bag.deserialize(message))
         except (ValueError, AttributeError):
             continue  # estimate says so; there is nothing to compare with
-
-
-def _images(bag: Bag, topic: str) -> Iterator[tuple[int, Image]]:
-    for number, message in enumerate(bag.messages([topic]), 1):
-        with blaming(f"{bag.path}: image {number} of {topic} cannot be read", ValueError, AttributeError):
-            msg = bag.deserialize(message)
-            yield stamp_from_msg(msg.header.stamp), image_from_msg(msg)
 
 
 def calibration_beside(bag: pathlib.Path, name: str) -> pathlib.Path:
