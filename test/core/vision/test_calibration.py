@@ -110,13 +110,15 @@ def test_from_pictures_to_a_file(tmp_path, flat, pictures):
     folder.mkdir()
     for number, frame in enumerate((*pictures, pictures[0], np.zeros_like(flat))):  # one twice, one without the board
         cv2.imwrite(str(folder / f"{number}.png"), frame)
+    (folder / "10.png").write_text("no picture")
     told: list[str] = []
     calibration = lens_from_frames(DeviceFrames(str(folder)), BOARD, told.append)
     assert_recovered(calibration.lens)
     assert [line.partition(":")[0] for line in told[:8]] == [f"view {number}" for number in range(1, 9)]
     assert told[8:] == [
-        "1 of 10 pictures left out, the board lies as in a picture before it: 8.png",
-        "1 of 10 pictures left out, the board is not found: 9.png",
+        "1 of 11 pictures left out, the board lies as in a picture before it: 8.png",
+        "1 of 11 pictures left out, the board is not found: 9.png",
+        "1 of 11 pictures left out, the file is no picture: 10.png",
     ]
     save_camera(calibration.lens, tmp_path / "lens.yaml")
     lens = load_lens(tmp_path / "lens.yaml")
@@ -131,6 +133,10 @@ def test_only_views_at_rest_are_taken_from_a_video(tmp_path, pictures):
     save_video(tmp_path / "views.avi", frames, rate=200)
     with pytest.raises(InvalidInput, match=r"views\.avi: too few different views of the board: expected at least 8, got 7"):
         lens_from_frames(DeviceFrames(str(tmp_path / "views.avi")), BOARD, lambda line: None)
+    save_video(tmp_path / "moving.avi", pictures, rate=200)
+    with pytest.raises(InvalidInput, match=r"moving\.avi: the board never rests in 8 pictures; hold it still in each place$"):
+        lens_from_frames(moving := DeviceFrames(str(tmp_path / "moving.avi")), BOARD, lambda line: None)
+    assert not moving._device._capture.isOpened()  # the next one can open it
 
 
 def test_a_live_camera_is_read_until_the_views_are_enough(pictures):

@@ -2,6 +2,7 @@
 
 import pathlib
 import sys
+import tempfile
 from typing import Annotated
 
 import numpy as np
@@ -18,7 +19,7 @@ from pushfric_core.commands.options import ForceFlag, JsonOption, permit
 from pushfric_core.commands.program import telling_what_is_left
 from pushfric_core.commands.result import answer
 from pushfric_core.errors import InvalidInput, blaming
-from pushfric_core.files.disk import write_whole
+from pushfric_core.files.disk import make_folder, write_whole, writing
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.yaml_files import edited_yaml
 from pushfric_core.files.yaml_text import Value
@@ -98,6 +99,9 @@ def lens(
 ) -> None:
     """Calibrate the lens from views of the board: near and far, tilted, in all parts of the image."""
     permit(out, force, "Overwrite it, with the calibration of the table in it?", "another --out FILE")
+    make_folder(out.parent)
+    with writing(out):
+        tempfile.TemporaryFile(dir=out.parent).close()  # the work is long
     with telling_what_is_left(lambda: f"nothing was written to {out}"):
         found = lens_from_frames(frames_from(source, namespace), _board(columns, rows, square), say)
     save_camera(found.lens, out)

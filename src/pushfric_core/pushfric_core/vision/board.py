@@ -27,6 +27,7 @@ STILL_PX = 1.0
 """From one frame to the next, the corners of a board at rest move at most this far on average."""
 
 UNSEEN_BOARD, LIKE_ANOTHER = "the board is not found", "the board lies as in a picture before it"
+NO_PICTURE = "the file is no picture"
 """Why a picture is left out of a calibration."""
 
 Calibration = TypeVar("Calibration")
@@ -140,6 +141,7 @@ def calibration_from(
     finder, kept, frames, shape = BoardFinder(board), list[View](), 0, tuple[int, ...]()
     left_out: dict[str, list[str]] = {}  # names of pictures, by the reason; frames of a camera or a film are mostly alike
     previous: View | None = None
+    moving = 0
     with source:
         for frame in source:
             frames += 1
@@ -158,6 +160,7 @@ def calibration_from(
                     left_out.setdefault(UNSEEN_BOARD if view is None else LIKE_ANOTHER, []).append(source.names[frames - 1])
                 continue
             if not source.pictures and (last is None or moved(view, last) > STILL_PX):
+                moving += 1
                 continue
             kept.append(view)
             missing = ""
@@ -167,8 +170,12 @@ def calibration_from(
                 except InvalidInput as error:
                     missing = f"; {error}"
             progress(f"{noun} {len(kept)}: {len(view.ids)} corners{missing}")
+    if source.unread:
+        left_out[NO_PICTURE], frames = [*source.unread], frames + len(source.unread)
     for why, names in left_out.items():
         progress(f"{len(names)} of {counted(frames, 'picture')} left out, {why}: {', '.join(names)}")
+    if not kept and moving:
+        raise InvalidInput(f"{source.name}: the board never rests in {frames} pictures; hold it still in each place")
     if not kept:
         raise InvalidInput(f"{source.name}: no ChArUco board of {board.columns} x {board.rows} squares in {frames} pictures")
     with blaming(source.name, InvalidInput):

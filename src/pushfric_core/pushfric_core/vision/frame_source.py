@@ -48,7 +48,9 @@ class Device(threading.Thread):
         self._closing = threading.Event()
         self.frames: deque[tuple[int, Image]] = deque(maxlen=8)  # stamp [ns], mono8
         self.dropped = 0
-        self.names: list[str] = []  # of the pictures read so far, in the order of the frames
+        self.names: list[str] = []  # of the pictures read so far, in the order of the frames,
+        self.unread: list[str] = []  # and of the files that are no pictures
+        self._capture: cv2.VideoCapture | None = None  # of a camera or a video
         self._read, self._period = self._open()
 
     @property
@@ -66,6 +68,11 @@ class Device(threading.Thread):
         """End the thread and let go of the device."""
         self._closing.set()
         self.join()
+        self._release()
+
+    def _release(self) -> None:
+        if self._capture is not None:
+            self._capture.release()
 
     def run(self) -> None:
         while not self._closing.wait(self._period):
@@ -95,7 +102,7 @@ class Device(threading.Thread):
             return lambda: next(sequence, None), PICTURE_PERIOD
         # OpenCV would print several lines; the error below is one line
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-        capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
+        self._capture = capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
         if not capture.isOpened():
             there = ", ".join(sorted(glob.glob("/dev/video*"))) or "none"
             raise InvalidInput(f"no camera at {self._source!r}: expected {ACCEPTED}; cameras of this machine: {there}")
@@ -109,13 +116,15 @@ class Device(threading.Thread):
 
     def _pictures(self, paths: list[str]) -> Iterator[Image]:
         for path in paths:
-            if (picture := cv2.imread(path, cv2.IMREAD_GRAYSCALE)) is not None:
-                self.names.append(pathlib.Path(path).name)
+            picture = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+            (self.unread if picture is None else self.names).append(pathlib.Path(path).name)
+            if picture is not None:
                 yield picture
 
     def _reopen(self) -> None:
         """Wait until a camera that went away can be opened again."""
         while not self._closing.wait(REOPEN_PERIOD):
+            self._release()  # a device that is still held could not be opened, or come back under its name
             try:
                 self._read, self._period = self._open()
             except InvalidInput:
@@ -139,12 +148,14 @@ class Frames(ABC):
         pictures: whether each frame is a separate picture, which shows nothing of what happened between two pictures.
         live: whether the source is a camera, which does not end.
         names: of the pictures up to the last frame, or beyond; empty if frames are no pictures of their own.
+        unread: names of the files among them that are no pictures.
         waiting: frames that came and were not taken yet.
         lost: number of frames of a topic that were published and did not arrive.
         publishers: number of those of a topic.
     """
 
     names: Sequence[str] = ()
+    unread: Sequence[str] = ()
     patience = math.inf  # how long the iteration waits for the next frame [s]
     lost = publishers = 0
 
@@ -184,7 +195,7 @@ class DeviceFrames(Frames):
         self._arrival = threading.Event()
         self._device = Device(source, size, time.time_ns, self._arrival.set)
         super().__init__(source, self._device.pictures, self._device.live)
-        self.names = self._device.names
+        self.names, self.unread = self._device.names, self._device.unread
 
     def __enter__(self) -> Self:
         self._device.start()
