@@ -55,3 +55,13 @@ def test_a_bag_is_replayed_with_its_own_object(tmp_path):
     _, nodes = started(REPLAY, tmp_path, bag=str(ROOT / "bags/rubber_rect4"))
     assert nodes["estimator"].parameters["object"] == str(ROOT / "bags/rubber_rect4/object.yaml")
     assert nodes["player"].parameters["rate"] == 1.0
+    assert not nodes["estimator"].parameters["model"]
+
+
+def test_a_run_that_went_on_from_a_model_is_replayed_from_it(tmp_path):
+    bag = shutil.copytree(ROOT / "bags/rubber_rect4", tmp_path / "bag")
+    (bag / "prior.yaml").touch()
+    assert started(REPLAY, tmp_path, bag=str(bag))[1]["estimator"].parameters["model"] == str(bag / "prior.yaml")
+    (bag / "object.yaml").unlink()
+    with pytest.raises(InvalidInput, match="does not name the pushed object"):
+        started(REPLAY, tmp_path, bag=str(bag))

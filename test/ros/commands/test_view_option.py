@@ -1,11 +1,13 @@
 """The option --view of run, demo and replay."""
 
+import socket
+
 import pytest
 import typer.main
 
 from pushfric_core.cell.node_settings import ViewConfig
 from pushfric_core.commands.application import AUTO_VIEW
-from pushfric_core.commands.cell_options import view_at
+from pushfric_core.commands.cell_options import view_at, view_to_serve
 from pushfric_core.errors import InvalidInput
 from pushfric_ros.commands import replay, run
 
@@ -40,6 +42,14 @@ def test_an_address_that_others_reach_gets_a_token():
 def test_what_is_no_address_is_refused(address):
     with pytest.raises(InvalidInput, match=r"^--view must be a port or HOST:PORT, got "):
         view_at(address, CELL)
+
+
+def test_a_port_that_is_taken_is_named_before_anything_is_made():
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(InvalidInput, match=f"^the page cannot be served at 127.0.0.1:{port}: Address already in use"):
+            view_to_serve(str(port), ViewConfig())
+    assert view_to_serve(str(port), ViewConfig()).port == port
 
 
 @pytest.mark.parametrize(

@@ -41,10 +41,12 @@ def test_the_composed_graph_carries_out_a_plan(ros, specs, tmp_path):
 
 OTHERS = """
 object: wood_rect4
-camera: {source: "0", calibration: camera.yaml, tracker: fiducial, fiducials: markers.yaml, threshold: 90}
+camera: {source: "0", calibration: camera.yaml, tracker: fiducial, fiducials: markers.yaml, threshold: 90,
+  time_offset: -0.15}
 pusher: {driver: marlin, port: /dev/ttyACM0, line_origin: [0, 0], line_direction: [0, 1], tip_radius: 0.003, stroke: 0.06,
   max_speed: 0.1}
 plan: {file: plan.yaml, distance: 0.03}
+estimator: {pose_lag: 0.1}
 """
 
 
@@ -71,6 +73,7 @@ def test_parts_without_a_simulation_are_replaced_with_a_sentence_each(others, tm
     ]
     assert (specs["actuator"]["driver"], specs["simulated_cell"]["controller"]) == ("grbl", "grbl")
     assert (specs["tracker"]["tracker"], specs["tracker"]["threshold"]) == ("contour", 0)
+    assert (specs["tracker"]["time_offset"], specs["estimator"]["pose_lag"]) == (0, 0)  # rendered images have exact stamps
     content = yaml.safe_load(OTHERS)
     del content["camera"]
     others.write_text(yaml.safe_dump(content | {"poses": {"source": "pose_stamped", "topic": "/tag"}}))

@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from pushfric_ros.node_kit.lock import lock
+from pushfric_ros.node_kit.lock import address, lock
 from pushfric_ros.node_kit.stop_button import StopButton, Unheard, press, press_as_asked
 
 ROOT = pathlib.Path(__file__).parents[3]
@@ -27,6 +27,7 @@ def answering():
                 presses.append(who)
                 button.answer(who, "stopped")
 
+    assert button.pressed() is None  # it listens from now on
     thread = threading.Thread(target=listen)
     thread.start()
     yield presses
@@ -43,8 +44,11 @@ def nobody(monkeypatch):
 
 
 def test_whoever_presses_it_is_answered(answering):
+    StopButton("/cell").close()  # as that of an actuator which is only asked what it has
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as without_an_address:
+        without_an_address.sendto(b"!", address("stop /cell"))
     assert press("cell") == press_as_asked([]) == press_as_asked(["--namespace", "/cell"]) == "stopped"
-    assert len(answering) == 3
+    assert len(answering) == 4
     assert press_as_asked(["--help"]) is None
 
 

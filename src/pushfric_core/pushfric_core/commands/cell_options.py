@@ -52,3 +52,13 @@ def view_at(address: str, settings: ViewConfig) -> ViewConfig | None:
         view = dataclasses.replace(settings, port=int(found["port"]))
         view = dataclasses.replace(view, host=found["host"].strip("[]")) if found["host"] else view
         return view.protected()  # here, so that a view that is started again keeps its token
+
+
+def view_to_serve(address: str, settings: ViewConfig) -> ViewConfig | None:
+    """The same, once it is known that a page can be served there: before anything is made or started."""
+    if (view := view_at(address, settings)) is not None:
+        from pushfric_core.page.server import bound  # imported late: most runs show no page
+
+        for socket in bound(view):
+            socket.close()
+    return view

@@ -88,7 +88,7 @@ class PageServer:
         self.replying: set[asyncio.Future[None]] = set()
         self._local, self._host = config.is_local, config.host
         self._token = config.protected().token
-        self._sockets = _bound(config)
+        self._sockets = bound(config)
         self._port = self._sockets[0].getsockname()[1]
         # otherwise the library would report each malformed request of a port scanner to the operator
         for name in ("tornado.access", "tornado.general"):
@@ -243,7 +243,7 @@ class Done(_Asked):
     post = _Asked.answer
 
 
-def _bound(config: ViewConfig) -> list[Any]:
+def bound(config: ViewConfig) -> list[Any]:
     """Sockets that listen where the config says; at a free port if the config names none and the usual one is taken."""
     try:
         if config.port:

@@ -14,7 +14,7 @@ from pushfric_core.bags.contents import check_free
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import CameraConfig, PlanConfig, SimulatedRunConfig, SimulationConfig, ViewConfig
 from pushfric_core.commands.application import AUTO_VIEW, Application
-from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_to_serve
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.options import RUNS, JsonOption
 from pushfric_core.commands.program import telling_what_is_left
@@ -79,7 +79,7 @@ def demo(
     if play:
         view, pushes = view or AUTO_VIEW, dataclasses.replace(pushes, choose=choose or PLAYED * (plan is None), speed=0.01)
     load_plan(pushes.plan, load_object(object_name))  # report a wrong plan before anything starts
-    shown = view_at(view, ViewConfig())
+    shown = view_to_serve(view, ViewConfig())
     live = console.is_terminal and not headless
     with telling_what_is_left(lambda: left_behind(bag)), scratch_folder() as scratch:
         cell = dataclasses.replace(demo_cell(object_name, scratch), plan=pushes)

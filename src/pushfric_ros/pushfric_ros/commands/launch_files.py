@@ -4,13 +4,15 @@ import dataclasses
 import pathlib
 from collections.abc import Mapping, Sequence
 
-from pushfric_core.bags.recorded import Recorded, beside
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, ViewConfig
 from pushfric_core.commands.application import AUTO_VIEW
 from pushfric_core.commands.cell_options import view_at
+from pushfric_core.commands.console import warn
 from pushfric_core.errors import InvalidInput, PushfricError
-from pushfric_core.files.object_file import OBJECT_FILE
+from pushfric_core.offline.inputs import object_of
+from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_ros.commands.demo import SPEED, demo_cell
 from pushfric_ros.commands.recorded_run import failures, result_of, write_result
 from pushfric_ros.graph import graph
@@ -45,8 +47,10 @@ def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[N
     recorded = Recorded(bag, values["namespace"] or None)
     settings = recorded.settings
     source = recorded.source(settings.with_forces)
-    object_name = values["object"] or str(beside(bag, OBJECT_FILE))
-    specs = graph.replay(str(bag), object_name, source, float(values["rate"]), settings)
+    object_name = object_of(bag, values["object"], warn)[1]
+    images = f"{source.namespace}/{KEYFRAMES}"
+    shown = [images] if values["view"] and recorded.holds(images) else []
+    specs = graph.replay(str(bag), object_name, source, float(values["rate"]), settings, shown=shown)
     return source.namespace, _with_parts(specs, object_name, values, ViewConfig(), PlannerConfig())
 
 

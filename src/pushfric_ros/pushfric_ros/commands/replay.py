@@ -5,15 +5,14 @@ from typing import Annotated
 
 import typer
 
-from pushfric_core.bags.recorded import Recorded, beside
+from pushfric_core.bags.recorded import Recorded
 from pushfric_core.cell.node_settings import PlannerConfig, PlayerConfig, ViewConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_to_serve
 from pushfric_core.commands.console import console, fail, warn
 from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption, PartialFlag
 from pushfric_core.commands.result import print_result
 from pushfric_core.commands.settings_options import option
-from pushfric_core.files.object_file import PRIOR_FILE
 from pushfric_core.offline.inputs import object_of
 from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate
@@ -45,12 +44,9 @@ def replay(
     reading = recorded.read(model, settings, warn, partial)
     data, doubts = reading.observations, "; ".join(one.text for one in reading.ledger.doubts)
     source = recorded.source(settings.with_forces)
-    model_file = str(beside(bag, PRIOR_FILE) or "")
-    shown, images = view_at(view, ViewConfig()), f"{source.namespace}/{KEYFRAMES}"
+    shown, images = view_to_serve(view, ViewConfig()), f"{source.namespace}/{KEYFRAMES}"
     played = [images] if shown is not None and recorded.holds(images) else []
-    specs = graph.replay(
-        str(bag), object_file, source, rate, settings, paused=True, partial=partial, model=model_file, shown=played
-    )
+    specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial, shown=played)
     specs = graph.with_parts(specs, object_file, shown, PlannerConfig() if planner else None)
     live = console.is_terminal and not headless
 

@@ -12,7 +12,7 @@ from pushfric_core.bags.contents import check_free
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import ExperimentConfig, SimulatedRunConfig
 from pushfric_core.commands.application import Application
-from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_at
+from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_to_serve
 from pushfric_core.commands.console import console, fail
 from pushfric_core.commands.options import RUNS
 from pushfric_core.commands.program import telling_what_is_left
@@ -69,7 +69,7 @@ def run(
     check_free(bag)
     if not simulated and file.driver is not None and (absence := file.driver.absence()) is not None:
         raise InvalidInput(f"{cell}: pusher: {absence}")
-    shown = view_at(view, file.view)
+    shown = view_to_serve(view, file.view)
     how = " --simulated" * simulated + " --simulated-camera" * simulated_camera
 
     def say_how_to_go_on(push: int) -> None:

@@ -12,7 +12,7 @@ from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, CameraConfi
 from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files import estimator_settings
 from pushfric_core.files.estimator_settings import EstimatorSettings
-from pushfric_core.files.object_file import load_object
+from pushfric_core.files.object_file import PRIOR_FILE, load_object
 from pushfric_core.plugins import SIMULATIONS, installed
 from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.settings import merged, plain
@@ -237,7 +237,10 @@ def rendered(file: CellFile, folder: str, say: Callable[[str], None], own_pusher
             pusher, driver = replace(pusher, driver="grbl"), GrblConfig(port=port)
         else:
             driver = replace(named, port=port)
-    return replace(file, camera=replace(camera, source="topic"), tracker=tracker, pusher=pusher, driver=driver, poses=())
+    # the stamps of rendered images are exact
+    camera, trajectory = replace(camera, source="topic", time_offset=0.0), replace(file.estimator.trajectory, pose_lag=0.0)
+    estimator = replace(file.estimator, trajectory=trajectory)
+    return replace(file, camera=camera, tracker=tracker, pusher=pusher, driver=driver, poses=(), estimator=estimator)
 
 
 def _simulation(file: CellFile, parameters: Mapping[str, Any]) -> NodeSpec:
@@ -256,7 +259,6 @@ def replay(
     settings: EstimatorSettings,
     paused: bool = False,
     partial: bool = False,
-    model: str = "",
     shown: Sequence[str] = (),
 ) -> list[NodeSpec]:
     """The nodes that play a bag into a live estimator.
@@ -269,13 +271,16 @@ def replay(
         settings: of the estimator.
         paused: the player waits until it is resumed.
         partial: play a damaged bag, too.
-        model: path of the model that the recorded run went on from; empty: none.
         shown: more topics to play, for which nobody waits.
     """
+    from pushfric_core.bags.recorded import beside  # imported late: other runs read no bag
+
     topics = list(source.topics)
     playing = {"bag": bag, "partial": partial, "rate": rate, "topics": [*topics, *shown], "wait_for": topics, "paused": paused}
     player = NodeSpec("player", playing, ends_run=True)
-    live = NodeSpec("estimator", {"object": object_name, "source": source.kind, "model": model, **settings.parameters()})
+    prior = beside(pathlib.Path(bag), PRIOR_FILE)  # the model that the recorded run went on from
+    begin = {"object": object_name, "source": source.kind, "model": str(prior or "")}
+    live = NodeSpec("estimator", begin | settings.parameters())
     return with_own_clock([live.given(use_sim_time=True), player], source.namespace)
 
 

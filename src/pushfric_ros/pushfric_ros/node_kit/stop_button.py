@@ -20,26 +20,22 @@ LONGEST = 200  # characters of an answer
 
 
 class StopButton:
-    """The button of one cell.
+    """The button of one cell. A node that is made, and never looks at it, takes nobody's button.
 
     Args:
         namespace: of the cell.
-    Raises:
-        OSError: somebody else listens there.
     """
 
     def __init__(self, namespace: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
-        try:
-            self._socket.bind(_address(namespace))
-        except OSError:
-            self._socket.close()
-            raise
+        self._address = _address(namespace)
 
     def pressed(self) -> str | bytes | None:
-        """Who has pressed it since the last call; None: nobody."""
+        """Who has pressed it since the last call; None: nobody. Raises OSError if somebody else listens there."""
+        if not self._socket.getsockname():
+            self._socket.bind(self._address)
         with contextlib.suppress(BlockingIOError):
-            return self._socket.recvfrom(1)[1] or None
+            return self._socket.recvfrom(1)[1] or b""
         return None
 
     def answer(self, who: str | bytes, text: str) -> None:

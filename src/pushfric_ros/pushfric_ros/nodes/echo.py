@@ -1,6 +1,5 @@
 """The echo node: answers calls, so that the doctor can see whether messages reach another process."""
 
-import sys
 from typing import Any
 
 from rclpy.node import Node
@@ -13,8 +12,8 @@ from pushfric_ros.node_kit.timers import wall_timer
 class EchoNode(Node):
     """Serves ~/answer until it is asked to stop; prints a line once it does."""
 
-    def __init__(self, name: str, **kwargs: Any) -> None:
-        super().__init__(name, **kwargs)
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("echo", **kwargs)
         self.create_service(Trigger, "~/answer", lambda _, response: response)
         # rclpy can miss a signal that comes just before it waits; it looks again after this
         wall_timer(self, 0.1, lambda: None)
@@ -22,4 +21,4 @@ class EchoNode(Node):
 
 
 if __name__ == "__main__":
-    run_node(lambda: EchoNode(sys.argv[1]))
+    run_node(EchoNode)

@@ -167,7 +167,7 @@ CALL_AGAIN = 1.0
 
 def check_discovery() -> Check:
     """Whether a message reaches another process on this machine, and the answer comes back."""
-    text = os.environ.get("ROS_DOMAIN_ID", "0")
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
     if not text.isdecimal() or int(text) > LAST_DOMAIN:
         finding, advice = f"ROS_DOMAIN_ID is {text!r}", f"set it to a number from 0 to {LAST_DOMAIN}, the same in all terminals"
         return Check("discovery", Grade.FAILED, finding, advice)
@@ -211,7 +211,7 @@ def round_trip(patience: float) -> float | None:
 @contextlib.contextmanager
 def _echo(name: str) -> Iterator[None]:
     """A child process that answers calls."""
-    command = [sys.executable, "-m", "pushfric_ros.nodes.echo", name]
+    command = [sys.executable, "-m", "pushfric_ros.nodes.echo", "--ros-args", "-r", f"__node:={name}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         try:
             assert child.stdout is not None
