@@ -52,7 +52,7 @@ def edit(
     """A picture of the object alone gives the outline of a new file; correct it, and save. The page shows millimetres; the file
     keeps metres, and everything in it but outline, support and height stays as it is. Ctrl-C leaves the file alone."""
     if picture and (camera is None) == (width is None):
-        raise InvalidInput("--picture needs its scale: give --camera, or else --width")
+        raise InvalidInput("--picture needs its scale: give either --camera or --width")
     if camera is not None and not picture:
         raise InvalidInput("--camera says where a picture was taken: give --picture as well")
     if file.suffix not in (".yaml", ".yml") or not file.parent.is_dir():

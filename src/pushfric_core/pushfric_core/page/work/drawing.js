@@ -147,6 +147,7 @@ async function changed(find = false) {
     find ? take(answer) : (state = answer);
     redraw();
   }
+  return answer.done;
 }
 
 function area(corners) {
@@ -303,8 +304,8 @@ at("another").addEventListener("click", async () => {
 });
 at("save").addEventListener("click", async () => {
   at("save").disabled = true;
-  const answer = await tell("save");
-  if (!answer.done) return (at("save").disabled = false);
+  const answer = (await changed()) && (await tell("save")); // another page may have drawn since
+  if (!answer?.done) return (at("save").disabled = false);
   say(answer.message, false);
   at("prompt").textContent = "Saved";
   at("now").className = "finished";
