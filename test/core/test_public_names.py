@@ -1,7 +1,6 @@
 """What `import pushfric_core` offers, and what it needs for that."""
 
 import importlib
-import inspect
 import subprocess
 import sys
 
@@ -12,16 +11,6 @@ def test_every_public_name_is_where_type_checkers_are_told():
     assert set(pushfric_core.__all__) <= set(dir(pushfric_core))
     for name, module in pushfric_core._HOMES.items():
         assert getattr(pushfric_core, name) is getattr(importlib.import_module(module), name)
-
-
-def test_every_public_name_says_what_it_is():
-    for name in pushfric_core.__all__:
-        public = getattr(pushfric_core, name)
-        assert inspect.getdoc(public), name
-        members = vars(public) if inspect.isclass(public) else {}
-        for member, value in members.items():
-            if not member.startswith("_") and (inspect.isfunction(value) or isinstance(value, property)):
-                assert inspect.getdoc(getattr(public, member)), f"{name}.{member}"
 
 
 def test_importing_the_package_loads_nothing_heavy():

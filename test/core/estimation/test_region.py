@@ -46,8 +46,8 @@ def test_the_line_of_a_normal_push_is_the_normal():
     assert line_of_force(seen_from_below(twist), 0.0) == (half_plane,)
 
 
-@pytest.mark.parametrize(("omega", "normal"), [(1.0, (-0.8, -0.6)), (-1.0, (0.8, -0.6))])
-def test_the_line_of_force_is_the_edge_of_the_cone_that_bounds_least(omega, normal):
+@pytest.mark.parametrize("omega", [1.0, -1.0])
+def test_the_line_of_force_is_the_edge_of_the_cone_that_bounds_least(omega):
     """For a turn to the left, p_CF lies left of the right edge of the cone, (4, 3) / 5, tilted from (0, 1) by mu_c = 4 / 3."""
     (half_plane,) = line_of_force(seen_from_below(Twist(0.0, 0.02, omega)), 4 / 3)
     assert half_plane.normal == pytest.approx((np.sign(omega) * -0.6, 0.8))

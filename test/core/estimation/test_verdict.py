@@ -40,11 +40,6 @@ def test_good_input_may_be_used():
 @pytest.mark.parametrize(
     ("change", "code", "text"),
     [
-        (
-            lambda _, o: replace(o, contact_normal=(-o.contact_normal[0], -o.contact_normal[1])),
-            "normals_inward",
-            "the normals point inward in",
-        ),
         (turned(math.pi), "forces_opposed", "the measured forces oppose the motion"),
         (turned(math.pi / 2), "forces_turned", "the measured forces are turned by"),
         (turned(-math.pi / 2), "forces_turned", "the measured forces are turned by -"),
@@ -52,11 +47,6 @@ def test_good_input_may_be_used():
             lambda number, o: turned(1.1 * number)(number, o),
             "forces_scattered",
             "the measured forces do not turn with the object",
-        ),
-        (
-            lambda _, o: replace(o, twist=Twist(o.twist.vx, o.twist.vy, math.degrees(o.twist.omega)), force=None),
-            "omega_in_degrees",
-            "radians",
         ),
     ],
 )
@@ -76,11 +66,13 @@ def test_inward_normals_are_told_alone(which):
     """They make the program infeasible; to leave a push out would be the wrong remedy."""
     (reason,) = judged(inward(which)).reasons
     assert reason.code == "normals_inward"
+    assert "the normals point inward in" in str(reason)
 
 
 def test_forces_are_not_blamed_for_a_wrong_motion():
     (reason,) = judged(lambda _, o: replace(o, twist=Twist(*o.twist[:2], math.degrees(o.twist.omega)))).reasons
     assert reason.code == "omega_in_degrees"
+    assert "radians" in str(reason)
     (reason,) = judged(lambda _, o: replace(o, twist=Twist(*(-np.array(o.twist)).tolist()))).reasons
     assert reason.code == "contacts_recede"
 

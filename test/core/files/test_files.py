@@ -325,8 +325,6 @@ def test_columns_may_stand_in_any_order_with_others(tmp_path):
 @pytest.mark.parametrize(
     ("row", "expected"),
     [
-        ((0, -0.03, 0, -1, 0, "fast"), "line 2: tip_vy must be a number, got 'fast'"),
-        ((0, -0.03, 0, -1, 0), "line 2: expected 6 values, as the first line has names, got 5"),
         ((0, -0.03, 0, -1, 0, "inf"), "line 2: tip_vy must be finite"),
         ((0, -0.03, 0, -1, 0, 1e200), "line 2: tip_vy must lie within 10 m/s, got 1e\\+200"),
         ((0, -0.03, 0, -2, 0, 1), "line 2: the normal must have length 1"),
@@ -346,8 +344,6 @@ def test_a_wrong_file_is_named(tmp_path):
         read_point_pushes(written(tmp_path / "pushes.csv", MOVED[:-1]), PLATE)
     with pytest.raises(InvalidInput, match="no pushes; expected a row for each"):
         read_point_pushes(written(tmp_path / "pushes.csv", MOVED), PLATE)
-    with pytest.raises(InvalidInput, match="cannot be read"):
-        read_point_pushes(tmp_path / "none.csv", PLATE)
     contact = (0, -0.03, 0, -1)
     with pytest.raises(InvalidInput, match="line 2: half_width must be at least 0"):
         read_edge_pushes(written(tmp_path / "pushes.csv", TURNED, (*contact, -0.01, 0, 0, 1)), PLATE)

@@ -372,10 +372,6 @@ ALONG = {
         (Event.RESTED, MET | {Way.RETURNS}, READY | {Task.NONE}, [Action.TELL]),
         (Event.GOAL, MET, {Task.WAITING}, []),
         (Event.CANCEL, MET, {Task.NONE}, [Action.TELL]),
-        (Event.GOAL, MET, {Task.WAITING}, []),
-        (Event.CHECKED, {Enable.ENABLED, Needs.MISSING}, {Task.NONE}, [Action.TELL]),
-        (Event.GOAL, MET, {Task.WAITING}, []),
-        (Event.CHECKED, {Enable.DISABLED, Needs.MET}, {Task.NONE}, [Action.TELL]),
         *[
             step
             for event in (Event.STOP, Event.DEACTIVATE, Event.CANCEL, Event.CHECKED)
