@@ -27,6 +27,7 @@ from pushfric_core.bags.recovery import recover
 from pushfric_core.bags.rosbag2_metadata import METADATA
 
 DEMO = pathlib.Path(__file__).resolve().parents[1] / "bags/rubber_rect4"
+STRING = "std_msgs/msg/String"
 
 DAMAGES = (
     "nothing", "lost part", "doubled part", "swapped parts", "foreign part", "lost chunk", "doubled chunk", "foreign chunk",
@@ -69,10 +70,23 @@ def _foreign(shift_ns: int) -> tuple[BagMessage, ...]:
     )
 
 
-def _file(messages: Sequence[BagMessage], first: Counter[str], layout: Layout) -> bytes:
+def save_mcap(
+    path, messages, schema=(STRING, "ros2msg", b"string data"), encoding="cdr", metadata=None, profile="ros2", **options
+):
+    """A file of one topic as others write it: of each message, the time [ns], its bytes, and perhaps a number."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start(profile)
+        channel = writer.register_channel("/text", encoding, writer.register_schema(*schema), metadata or {})
+        for stamp, raw, *number in messages:
+            writer.add_message(channel, stamp, raw, stamp, *number)
+        writer.finish()
+
+
+def _file(messages: Sequence[BagMessage], first: Counter[str], layout: Layout, **options: object) -> bytes:
     """An MCAP file; `first` has the next number of each topic."""
     stream = io.BytesIO()
-    writer = Writer(stream, layout.chunk_size, layout.compression, enable_data_crcs=layout.checked)
+    writer = Writer(stream, layout.chunk_size, layout.compression, enable_data_crcs=layout.checked, **options)
     writer.start(profile="ros2", library=layout.library)
     channels, schemas = {}, {}
     for topic in _topics():
@@ -88,10 +102,10 @@ def _file(messages: Sequence[BagMessage], first: Counter[str], layout: Layout) -
     return stream.getvalue()
 
 
-def files_of(messages: Sequence[BagMessage], first_number: int, layout: Layout) -> list[bytes]:
+def files_of(messages: Sequence[BagMessage], first_number: int, layout: Layout, **options: object) -> list[bytes]:
     first = Counter({topic.name: first_number for topic in _topics()})
     edges = np.linspace(0, len(messages), layout.parts + 1).astype(int)
-    return [_file(messages[begin:end], first, layout) for begin, end in itertools.pairwise(edges)]
+    return [_file(messages[begin:end], first, layout, **options) for begin, end in itertools.pairwise(edges)]
 
 
 def metadata_of(messages: Sequence[BagMessage], parts: int) -> str:

@@ -46,6 +46,13 @@ class Recording:
         change(content)
         return message._replace(raw=self._encoders[message.type_name](content))
 
+    def restamped(self, topic: str, which: slice | list[int], offset: int) -> Messages:
+        """The messages, with those of a topic at these places stamped otherwise, by an offset [ns]."""
+        messages = list(self.messages)
+        for number in np.array(self.numbers(topic))[which]:
+            messages[number] = self.stamped(messages[number], offset)
+        return messages
+
     def numbers(self, topic: str) -> list[int]:
         """Indices of the messages of a topic."""
         return [number for number, message in enumerate(self.messages) if message.topic == topic]
@@ -78,10 +85,11 @@ class Recording:
         times = [state.log_time_ns for state in states if self._bag.deserialize(state).push_id == push_id]
         return times[0], times[-1]
 
-    def without_push(self, push_id: int) -> Messages:
-        """The messages but those that were recorded during a push."""
+    def without_push(self, push_id: int, topic: str = "", around: int = 0) -> Messages:
+        """The messages but those, of a topic or of all, that were recorded during a push and this time around it [ns]."""
         begin, end = self.span_of(push_id)
-        return [message for message in self.messages if not begin <= message.log_time_ns <= end]
+        begin, end = begin - around, end + around
+        return [m for m in self.messages if topic not in ("", m.topic) or not begin <= m.log_time_ns <= end]
 
 
 def _stream(rng: np.random.Generator) -> str:
@@ -122,11 +130,7 @@ def _another_clock_from(
     numbers = bag.numbers(topic)
     first = int(rng.choice(numbers[len(numbers) // margin : -len(numbers) // margin]))
     offset = int(rng.choice((-1, 1)) * size())
-    messages = [
-        bag.stamped(message, offset) if number >= first and message.topic == topic else message
-        for number, message in enumerate(bag.messages)
-    ]
-    return f"{topic} off by {offset} ns from {first} on", messages
+    return f"{topic} off by {offset} ns from {first} on", bag.restamped(topic, slice(numbers.index(first), None), offset)
 
 
 def stopped_stream(bag: Recording, rng: np.random.Generator) -> tuple[str, Messages]:

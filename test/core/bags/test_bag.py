@@ -1,6 +1,7 @@
 """Bags: what is written is read back, by pushfric and by other readers; a broken bag is refused in one line or rescued."""
 
 import contextlib
+import os
 import pathlib
 import resource
 import subprocess
@@ -8,9 +9,9 @@ import sys
 from collections.abc import Iterator
 
 import pytest
+import rearranged
 import yaml
 from mcap.reader import make_reader
-from mcap.writer import Writer
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -275,7 +276,8 @@ writer.flush()
 writer.write("/text", 3, test_bag.text("lost"))
 os.kill(os.getpid(), signal.SIGKILL)
 """
-    subprocess.run([sys.executable, "-c", script], cwd=pathlib.Path(__file__).parent, check=False, timeout=60)
+    paths = {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", script], env=os.environ | paths, check=False, timeout=60)
     with pytest.raises(DamagedBag, match=r"bag_0\.mcap: the recording was cut short"):
         Bag(tmp_path / "bag").require_whole()
     assert recover(tmp_path / "bag", tmp_path / "out").summary.message_count == 3
@@ -428,31 +430,18 @@ def test_a_file_that_vanishes_while_read_is_reported(tmp_path):
 
 def test_messages_that_are_not_of_ros_2_are_refused(tmp_path):
     path = tmp_path / "foreign.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream)
-        writer.start()
-        channel = writer.register_channel("/foreign", "json", writer.register_schema("Any", "jsonschema", b"{}"))
-        writer.add_message(channel, 0, b"{}", 0)
-        writer.finish()
+    rearranged.save_mcap(path, [(0, b"{}")], ("Any", "jsonschema", b"{}"), "json", profile="")
     for use in (Bag, lambda path: recover(path, tmp_path / "out")):
-        with pytest.raises(
-            InvalidInput, match=r"foreign\.mcap: /foreign is encoded as 'json', expected ROS 2 messages \(cdr\)"
-        ):
+        with pytest.raises(InvalidInput, match=r"foreign\.mcap: /text is encoded as 'json', expected ROS 2 messages \(cdr\)"):
             use(path)
 
 
 def test_a_file_without_summary_is_whole_and_recovered(tmp_path):
     """As `ros2 bag record --storage-preset-profile fastwrite` writes it."""
     path = tmp_path / "fast.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, use_chunking=False, use_statistics=False, use_summary_offsets=False,
-                        repeat_channels=False, repeat_schemas=False)  # fmt: skip
-        writer.start(profile="ros2")
-        schema = writer.register_schema(STRING, "ros2msg", message_types.definition(STRING).encode())
-        channel = writer.register_channel("/text", "cdr", schema)
-        for stamp in (2, 1):
-            writer.add_message(channel, stamp, text(str(stamp)), stamp)
-        writer.finish()
+    left_out = dict.fromkeys(("use_statistics", "use_summary_offsets", "repeat_channels", "repeat_schemas"), False)
+    schema = (STRING, "ros2msg", message_types.definition(STRING).encode())
+    rearranged.save_mcap(path, [(stamp, text(str(stamp))) for stamp in (2, 1)], schema, use_chunking=False, **left_out)
     assert [content(m).data for m in Bag(path).messages()] == ["1", "2"]
     assert Bag(path).damage is None
     assert recover(path, tmp_path / "out").summary.message_count == 2

@@ -1,6 +1,5 @@
 """Damaged bags: no loss is silent, whole chunks are saved, and hostile bytes are refused in one line."""
 
-import io
 import json
 import pathlib
 import re
@@ -15,20 +14,19 @@ import rearranged
 import zstandard
 from calls import invoked
 from mcap.opcode import Opcode
-from mcap.writer import CompressionType, IndexType, Writer
+from mcap.writer import CompressionType, IndexType
 from semantic_damage import Recording
 
 from pushfric_core.bags.bag import Bag, DamagedBag
 from pushfric_core.bags.contents import BagMessage, Definition
 from pushfric_core.bags.mcap_file import MAGIC, RECORD_LIMIT, McapFile
-from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, decoder, definition
+from pushfric_core.bags.message_types import ARRAY_LIMIT, DEFINITION_LIMIT, decoder
 from pushfric_core.bags.recovery import recover
 from pushfric_core.errors import InvalidInput
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 DEMO = ROOT / "bags/rubber_rect4"
 SECTOR = 4096
-STRING = "std_msgs/msg/String"
 
 
 @pytest.fixture
@@ -135,28 +133,21 @@ def test_verify_says_whether_a_bag_is_whole(copy, damage, code, call):
 # --- single bytes ---
 
 
-def recorded_elsewhere(messages: list[BagMessage], compression: CompressionType, **options: object) -> bytes:
+def recorded_elsewhere(
+    messages: list[BagMessage], compression: CompressionType, checked: bool = False, **options: object
+) -> bytes:
     """As `ros2 bag record` does it: no numbers, and by default checksums of the chunks and of the summary alone."""
-    stream = io.BytesIO()
-    writer = Writer(stream, 2**13, compression, **options)
-    writer.start(profile="ros2", library="libmcap 1.2")
-    channels: dict[str, int] = {}
-    for message in messages:
-        if message.topic not in channels:
-            schema = writer.register_schema(message.type_name, "ros2msg", definition(message.type_name).encode())
-            channels[message.topic] = writer.register_channel(message.topic, "cdr", schema)
-        writer.add_message(channels[message.topic], message.log_time_ns, message.raw, message.log_time_ns)
-    writer.finish()
-    return stream.getvalue()
+    layout = rearranged.Layout(1, compression, 2**13, False, "libmcap 1.2", checked, True, False)
+    return rearranged.files_of(messages, 0, layout, **options)[0]
 
 
 ELSEWHERE = {
     "zstd": (CompressionType.ZSTD, {}),
     "lz4": (CompressionType.LZ4, {}),
     "uncompressed": (CompressionType.NONE, {}),
-    "checked as a whole": (CompressionType.ZSTD, {"enable_data_crcs": True}),
+    "checked as a whole": (CompressionType.ZSTD, {"checked": True}),
     "without message indexes": (CompressionType.NONE, {"index_types": IndexType.NONE}),
-    "without chunks, checked as a whole": (CompressionType.NONE, {"use_chunking": False, "enable_data_crcs": True}),
+    "without chunks, checked as a whole": (CompressionType.NONE, {"use_chunking": False, "checked": True}),
 }
 
 
@@ -244,17 +235,6 @@ def test_a_chunk_that_lies_is_left_out(tmp_path, stored, compression, size, reas
     assert recover(path, tmp_path / "out").summary.message_count == 0
 
 
-def write_with(
-    path: pathlib.Path, qos: str = "", definition: bytes = b"string data", raw: bytes = b"\0\1\0\0\2\0\0\0a\0"
-) -> None:
-    with path.open("wb") as stream:
-        writer = Writer(stream, compression=CompressionType.NONE)
-        writer.start(profile="ros2")
-        schema = writer.register_schema(STRING, "ros2msg", definition)
-        writer.add_message(writer.register_channel("/text", "cdr", schema, {"offered_qos_profiles": qos}), 1, raw, 1)
-        writer.finish()
-
-
 QOS = """
 - {history: keep_last, depth: 1, reliability: reliable, durability: volatile, liveliness: automatic,
    deadline: {sec: 1, nsec: 0}, lifespan: {sec: 1, nsec: 0}, liveliness_lease_duration: {sec: %s, nsec: 0},
@@ -264,7 +244,7 @@ QOS = """
 
 @pytest.mark.parametrize("seconds", ["aaaaaaaaaa", "-1", "1.5", "[]", "null", "'9'", "0x" + "f" * 5000, "!!int ''", "*a"])
 def test_a_duration_that_is_none_is_refused(tmp_path, seconds):
-    write_with(tmp_path / "hostile.mcap", QOS % seconds)
+    rearranged.save_mcap(tmp_path / "hostile.mcap", [(1, b"")], metadata={"offered_qos_profiles": QOS % seconds})
     with pytest.raises(InvalidInput, match="/text has QoS profiles that are not those of rosbag2: "):
         Bag(tmp_path / "hostile.mcap")
 
@@ -284,7 +264,7 @@ def test_a_duration_that_is_none_is_refused(tmp_path, seconds):
     ],
 )
 def test_what_cannot_be_taken_apart_is_refused(tmp_path, definition, raw, error, expected):
-    write_with(tmp_path / "hostile.mcap", definition=definition, raw=raw)
+    rearranged.save_mcap(tmp_path / "hostile.mcap", [(1, raw)], (rearranged.STRING, "ros2msg", definition))
     bag = Bag(tmp_path / "hostile.mcap")
     (message,) = bag.messages()
     with pytest.raises(error, match=expected):
@@ -385,19 +365,6 @@ def test_whole_chunks_are_saved_before_and_after_a_damaged_length(tmp_path):
 # --- memory ---
 
 
-def heavy(path: pathlib.Path, chunks: int, compression: CompressionType, spread_ns: int) -> None:
-    """A file of chunks of 100 MiB, all in the same span of time."""
-    raw = bytes(10 * 2**20)
-    with path.open("wb") as stream:
-        writer = Writer(stream, 100 * 2**20, compression)
-        writer.start(profile="ros2")
-        channel = writer.register_channel("/text", "cdr", writer.register_schema(STRING, "ros2msg", b"string data"))
-        for number in range(chunks * 10):
-            stamp = 10**18 + spread_ns * (number % 10)
-            writer.add_message(channel, stamp, raw, stamp, number + 1)
-        writer.finish()
-
-
 MEASURED = """
 import resource, sys
 from pushfric_core.bags.bag import Bag
@@ -409,7 +376,8 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 
 def test_large_chunks_of_one_time_are_read_one_after_the_other(tmp_path):
     path = tmp_path / "heavy.mcap"
-    heavy(path, 4, CompressionType.LZ4, 0)
+    messages = ((10**18, bytes(10 * 2**20), number + 1) for number in range(40))  # in chunks of 100 MiB
+    rearranged.save_mcap(path, messages, chunk_size=100 * 2**20, compression=CompressionType.LZ4)
     run = subprocess.run([sys.executable, "-c", MEASURED, str(path)], capture_output=True, text=True, check=True, timeout=300)
     messages, kilobytes = map(int, run.stdout.split())
     assert messages == 40

@@ -329,14 +329,7 @@ def without_the_first_pushes(recording, without=""):
 
 
 def with_another_clock(recording):
-    states = recording.numbers(STREAMS[1])
-    later = {*states[len(states) // 2 :]}
-    return [recording.stamped(one, 6 * 10**7) if number in later else one for number, one in enumerate(recording.messages)]
-
-
-def without_the_poses_of_a_push(recording):
-    begin, end = recording.span_of(5)
-    return [one for one in recording.messages if one.topic != STREAMS[0] or not begin <= one.log_time_ns <= end]
+    return recording.restamped(STREAMS[1], slice(len(recording.numbers(STREAMS[1])) // 2, None), 6 * 10**7)
 
 
 @pytest.mark.parametrize(
@@ -350,7 +343,7 @@ def without_the_poses_of_a_push(recording):
         (without_the_first_pushes, {DoubtCode.PUSHES_MISSING}),
         (partial(without_the_first_pushes, without=PLAN), {DoubtCode.PUSHES_MISSING}),
         (with_another_clock, {DoubtCode.CLOCKS_STEP, DoubtCode.NO_OBSERVATIONS}),
-        (without_the_poses_of_a_push, {DoubtCode.POSES_MISSING, DoubtCode.NO_OBSERVATIONS}),
+        (lambda recording: recording.without_push(5, STREAMS[0]), {DoubtCode.POSES_MISSING, DoubtCode.NO_OBSERVATIONS}),
     ],
 )
 def test_the_live_ledger_has_the_doubts_of_the_bag(ros, tmp_path, damage, codes):
