@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,6 +117,12 @@ def call(monkeypatch, capsys) -> Callable[..., Said]:
         return Said(ended.value.code or 0, *capsys.readouterr())
 
     return called
+
+
+@pytest.fixture(scope="session")
+def script() -> ModuleType:
+    """The set-up as a module."""
+    return importlib.import_module("set_up")
 
 
 @pytest.fixture

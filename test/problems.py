@@ -1,14 +1,17 @@
 """Worked problems with known answers, shared by the tests."""
 
-from collections.abc import Iterator
+import pathlib
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from pushfric_core import Constraint, ConstraintRows, Observation, Outline, Support, Touch, Twist, pushed_motion
+from pushfric_core import Constraint, ConstraintRows, HalfPlanes, Observation, Outline, Support, Touch, Twist, pushed_motion
 from pushfric_core.estimation.push_plan import PlannedPush
-from pushfric_core.geometry.planar import Array, rotation, velocity_at
+from pushfric_core.estimation.region import line_of_motion
+from pushfric_core.files.csv_files import REQUIRED
+from pushfric_core.geometry.planar import Array, Pose, rotation, velocity_at
 from pushfric_core.geometry.support import NOT_FREE, FreeRadii, support_forces
 
 
@@ -93,6 +96,41 @@ def rows_of(
 ) -> ConstraintRows:
     """The rows that a constraint makes from an observation."""
     return constraint.rows(observation, support_forces(support_points, observation.twist, free))
+
+
+FULL = Observation(
+    (0.0125, -1e-05),
+    (0.0, -1.0),
+    Twist(1e-05, 0.1, 3.141592653589793),
+    7,
+    0.002,
+    0.3,
+    123456789,
+    Pose(0.1, 0.2, -0.3),
+    (0.5, 1 / 3),
+    (0.02, 1 / 7),
+    2 / 7000,
+)
+"""An observation that has all that one can have."""
+
+
+def save_csv(path: pathlib.Path, columns: Iterable[str], *rows: Iterable[object]) -> pathlib.Path:
+    """A table of these rows, each number to its last bit; returns its path."""
+    path.write_text("".join(f"{','.join(map(str, row))}\n" for row in (columns, *rows)))
+    return path
+
+
+def save_observations(path: pathlib.Path, observations: Iterable[Observation]) -> pathlib.Path:
+    """A table of the columns that every observation has; returns its path."""
+    return save_csv(path, REQUIRED, *((*o.contact_point, *o.contact_normal, *o.twist, o.push_id) for o in observations))
+
+
+def narrowed(outline: Outline, margin: float, observations: Iterable[Observation]) -> HalfPlanes:
+    """The half-planes of the lines of motion of some observations."""
+    half_planes = HalfPlanes(outline, margin)
+    for observation in observations:
+        half_planes.add(line_of_motion(observation))
+    return half_planes
 
 
 def pushed_as_planned(support: Support, outline: Outline, push: PlannedPush, mu_c: float) -> tuple[Observation, Array]:

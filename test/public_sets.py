@@ -46,6 +46,14 @@ RHO = 0.045 * 2**0.5
 """By which `mitpush` divides the moments of a plate of 90 mm."""
 
 
+def clone(folder: pathlib.Path, *names: str) -> pathlib.Path:
+    """A clone of the tool box of `mitpush` with these files, each `SURFACE_SHAPE_MODEL`."""
+    (folder / mitpush.FOLDER).mkdir(parents=True)
+    for name in names:
+        (folder / mitpush.FOLDER / f"wrench1twist1_20percenttraining{name}_v10.mat").write_bytes(strokes_file())
+    return folder
+
+
 def run_file(samples: int = 500) -> bytes:
     """A run of `cpush`: straight ahead along x at 50 mm/s, 10 mm left of the middle of the block, which turns clockwise."""
     times = np.arange(samples) * 1e-3

@@ -1,9 +1,7 @@
 """What the packages need is written once, declared to ROS, pinned, and checked: see pushfric_core.commands.dependencies."""
 
 import ast
-import importlib.machinery
 import importlib.metadata
-import importlib.util
 import pathlib
 import re
 import subprocess
@@ -35,11 +33,6 @@ OF_KEYS = {
 """The rosdep key of a Python package, if it is not python3-NAME."""
 
 WITHOUT_KEY = {"osqp"}
-
-
-@pytest.fixture(scope="module")
-def script():
-    return importlib.import_module("set_up")
 
 
 def package(name):

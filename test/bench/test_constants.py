@@ -16,11 +16,8 @@ from pushfric_core.errors import InvalidInput
 @pytest.fixture
 def small(tmp_path, monkeypatch):
     """Public sets of two objects, and one simulated object with few pushes; two constants are tried."""
-    strokes = tmp_path / "clone" / mitpush.FOLDER
-    strokes.mkdir(parents=True)
-    for shape in ("rect1", "rect3"):
-        (strokes / f"wrench1twist1_20percenttrainingabs_{shape}_quadratic_v10.mat").write_bytes(public_sets.strokes_file())
-    mitpush.import_pushes(tmp_path / "clone", tmp_path / "public")
+    source = public_sets.clone(tmp_path / "clone", "abs_rect1_quadratic", "abs_rect3_quadratic")
+    mitpush.import_pushes(source, tmp_path / "public")
     right = pushes.objects()["delrin_rect_right"]._replace(pushes=(2, 1, 2, 1))
     monkeypatch.setattr(study_of_constants, "objects", lambda: {"right": right})
     monkeypatch.setattr(study_of_constants, "CHOOSES", {"p_CF": ("WIDER",), "doubts": ("LATEST",)})

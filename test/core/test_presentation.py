@@ -1,5 +1,6 @@
 """What an estimate and its observations look like: as text, as a table, as a dictionary, as a picture."""
 
+import dataclasses
 import importlib.util
 import pathlib
 
@@ -8,9 +9,9 @@ import pandas
 import pytest
 from matplotlib.figure import Figure
 from missing import python_without
-from problems import observations_of
+from problems import FULL, observations_of
 
-from pushfric_core import TABLE_1, Estimator, MissingPackage, Observation, Observations, Pose, Twist, load
+from pushfric_core import TABLE_1, Estimator, MissingPackage, Observations, load
 from pushfric_core.bags.bag import DamagedBag
 from pushfric_core.errors import installing
 
@@ -50,25 +51,13 @@ def test_an_estimate_keeps_its_observations_while_the_estimator_goes_on():
 
 
 def test_observations_as_a_table_are_read_again(tmp_path):
-    full = Observation(
-        (0.01, -0.032),
-        (0.0, -1.0),
-        Twist(1e-3, 0.02, 0.1),
-        7,
-        0.002,
-        0.3,
-        9,
-        Pose(0.1, 0.2, 0.3),
-        (0.1, 0.2),
-        (0.0, 0.02),
-        1e-4,
-    )
+    full = dataclasses.replace(FULL, contact_point=(0.01, -0.032))
     frame = Observations([*DATA, full]).to_frame()
     assert len(frame) == 13
     assert frame["force_x"].isna().sum() == 12
     last = frame.iloc[-1]
-    assert (last["push_id"], last["stamp"], last["duration"], last["depth"]) == (7, 9, 0.3, 1e-4)
-    assert tuple(last[["pose_x", "pose_y", "pose_theta"]]) == (0.1, 0.2, 0.3)
+    assert (last["push_id"], last["stamp"], last["duration"], last["depth"]) == (7, 123456789, 0.3, 2 / 7000)
+    assert tuple(last[["pose_x", "pose_y", "pose_theta"]]) == (0.1, 0.2, -0.3)
     frame.to_csv(tmp_path / "pushes.csv", index=False)
     read = load(tmp_path / "pushes.csv", object="rubber_rect4")
     names = ["contact_point", "contact_normal", "twist", "push_id", "half_width", "force", "tip_velocity"]

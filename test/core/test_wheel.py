@@ -12,9 +12,7 @@ from typing import NamedTuple
 
 import pytest
 from missing import extras
-from problems import four_feet
-
-from pushfric_core.files.csv_files import REQUIRED
+from problems import four_feet, save_observations
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 SOURCE, MESSAGES = ROOT / "src/pushfric_core", ROOT / "src/pushfric_msgs/msg"
@@ -165,9 +163,7 @@ def install(built) -> Callable[[str], pathlib.Path]:
 def folder(tmp_path):
     """A folder with a CSV, the object that was pushed, and a cluster."""
     problem = four_feet()
-    rows = [(*one.contact_point, *one.contact_normal, *one.twist, one.push_id) for one in problem.observations[:6]]
-    lines = [",".join(REQUIRED), *(",".join(f"{value:.17g}" for value in row) for row in rows)]
-    (tmp_path / "pushes.csv").write_text("\n".join(lines))
+    save_observations(tmp_path / "pushes.csv", problem.observations[:6])
     (tmp_path / "square.yaml").write_text(f"name: square\noutline: {problem.outline.vertices.tolist()}\n")
     (tmp_path / "cluster.py").write_text(CLUSTER)
     return tmp_path

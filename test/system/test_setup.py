@@ -155,12 +155,6 @@ except KeyboardInterrupt:
         time.sleep(0.01)
 
 
-@pytest.fixture
-def script():
-    """The set-up as a module."""
-    return importlib.import_module("set_up")
-
-
 @pytest.mark.parametrize("module", ["solvers.pivoting", "mechanics.least_dissipation", "belief.inner_loops", "program.sliding"])
 def test_the_set_up_compiles_the_inner_loops(module):
     assert importlib.util.find_spec(f"pushfric_core.{module}").origin.endswith(".so")

@@ -14,17 +14,8 @@ from pushfric_core.files.object_file import load_object
 from pushfric_core.geometry.outline import Outline
 
 
-def clone(folder, *names, content=None):
-    """A clone with these files, each `SURFACE_SHAPE_MODEL`."""
-    (folder / mitpush.FOLDER).mkdir(parents=True)
-    for name in names:
-        path = folder / mitpush.FOLDER / f"wrench1twist1_20percenttraining{name}_v10.mat"
-        path.write_bytes(public_sets.strokes_file() if content is None else content)
-    return folder
-
-
 def test_strokes_and_pairs_become_data_points(tmp_path):
-    source = clone(tmp_path / "clone", "abs_rect1_quadratic", "abs_rect1_poly4", "plywood_rect1_quadratic")
+    source = public_sets.clone(tmp_path / "clone", "abs_rect1_quadratic", "abs_rect1_poly4", "plywood_rect1_quadratic")
     written = mitpush.import_pushes(source, tmp_path / "out")
     out = tmp_path / "out"
     assert [(one.path.name, one.object, one.observations) for one in written] == [
@@ -102,7 +93,7 @@ def test_a_listed_outline_is_read_from_the_clone(tmp_path, branch, matrix):
 
 
 def test_the_normal_of_an_ellipse_is_that_of_the_curve(tmp_path):
-    source = clone(tmp_path / "clone", "abs_ellip3_quadratic")
+    source = public_sets.clone(tmp_path / "clone", "abs_ellip3_quadratic")
     mitpush.import_pushes(source, tmp_path / "out")
     outline = load_object(str(tmp_path / "out" / "ellip3.yaml")).outline
     a, b = np.array(mitpush.SIZES["ellip3"]) / 2
@@ -116,7 +107,7 @@ def test_the_normal_of_an_ellipse_is_that_of_the_curve(tmp_path):
 
 
 def test_what_cannot_be_read_stops_nothing_else(tmp_path):
-    source = clone(tmp_path / "clone", "abs_rect1_quadratic", "abs_butter_quadratic", "plywood_rect1_quadratic")
+    source = public_sets.clone(tmp_path / "clone", "abs_rect1_quadratic", "abs_butter_quadratic", "plywood_rect1_quadratic")
     broken = source / mitpush.FOLDER / "wrench1twist1_20percenttrainingplywood_rect1_quadratic_v10.mat"
     broken.write_bytes(broken.read_bytes()[:300])
     found = mitpush.import_pushes(source, tmp_path / "out")
@@ -131,7 +122,7 @@ def test_what_cannot_be_read_stops_nothing_else(tmp_path):
 
 def test_another_folder_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match="expected a clone of PlanarManipulationToolBox"):
-        mitpush.import_pushes(clone(tmp_path / "clone"), tmp_path / "out")
+        mitpush.import_pushes(public_sets.clone(tmp_path / "clone"), tmp_path / "out")
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):

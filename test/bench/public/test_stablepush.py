@@ -1,7 +1,6 @@
-import csv
-
 import numpy as np
 import pytest
+from problems import save_csv
 
 from bench.public import stablepush
 from pushfric_core.bags.recorded import Recorded
@@ -12,12 +11,6 @@ from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.object_file import OBJECT_FILE, load_object
 
 ROW = ("triangle", 75, 0, 0, -1, 25, -400, 100, 0.35, -35, 140, 0.35, 1)
-
-
-def written(path, *rows):
-    with path.open("w", newline="") as stream:
-        csv.writer(stream).writerows((stablepush.COLUMNS, *rows))
-    return path
 
 
 def test_the_real_pushes_become_bags_and_pushes(real_pushes, tmp_path):
@@ -34,7 +27,7 @@ def test_the_real_pushes_become_bags_and_pushes(real_pushes, tmp_path):
 
 def test_units_and_signs(tmp_path):
     slipped = (*ROW[:8], -0.35, *ROW[9:12], 0)
-    (found,) = stablepush.read_stable_pushes(written(tmp_path / "in.csv", ROW, slipped)).values()
+    (found,) = stablepush.read_stable_pushes(save_csv(tmp_path / "in.csv", stablepush.COLUMNS, ROW, slipped)).values()
     assert found.pushes.contact_points[0] == pytest.approx((0.075, 0))
     assert found.pushes.centers[0] == pytest.approx((-0.4, 0.1))
     assert found.pushes.turns.tolist() == [1, -1]
@@ -57,7 +50,7 @@ def test_units_and_signs(tmp_path):
 )
 def test_wrong_files_are_refused(tmp_path, rows, expected):
     with pytest.raises(InvalidInput, match=expected):
-        stablepush.import_pushes(written(tmp_path / "in.csv", *rows), tmp_path / "bag")
+        stablepush.import_pushes(save_csv(tmp_path / "in.csv", stablepush.COLUMNS, *rows), tmp_path / "bag")
     assert not (tmp_path / "bag").exists()
 
 

@@ -1,18 +1,16 @@
 """The commands that plan and narrow down: region, and what estimate says and draws of mu_c."""
 
-import csv
 import json
 
 import numpy as np
 import pytest
 from calls import printed
-from problems import observations_of
+from problems import narrowed, observations_of, save_observations
 
 from pushfric_core import TABLE_1, Estimator, HalfPlanes, InvalidInput, Observation, Twist, next_pushes, slip_pushes
 from pushfric_core.commands.region import region_report
 from pushfric_core.estimation.push_choice import planned_pushes
-from pushfric_core.estimation.region import RegionConfig, line_of_motion
-from pushfric_core.files.csv_files import REQUIRED
+from pushfric_core.estimation.region import RegionConfig
 from pushfric_core.files.object_file import load_object
 from pushfric_core.files.plan_file import load_plan
 
@@ -21,33 +19,18 @@ KNOWN = TABLE_1[NAME]
 DATA = observations_of(KNOWN.outline, KNOWN.support, KNOWN.mu_c, 8, np.random.default_rng(3))
 
 
-def csv_of(path, data):
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(REQUIRED)
-        writer.writerows((*o.contact_point, *o.contact_normal, *o.twist, o.push_id) for o in data)
-    return path
-
-
 @pytest.fixture
 def data(tmp_path):
-    return csv_of(tmp_path / "data.csv", DATA)
+    return save_observations(tmp_path / "data.csv", DATA)
 
 
 def said(*arguments):
     return printed(*arguments, "--object", NAME)
 
 
-def region_of(observations, margin=RegionConfig.region_margin):
-    half_planes = HalfPlanes(KNOWN.outline, margin)
-    for observation in observations:
-        half_planes.add(line_of_motion(observation))
-    return half_planes
-
-
 def test_the_region_is_that_of_the_data_points(data):
     figures = json.loads(said("region", data, "--json"))
-    half_planes = region_of(DATA)
+    half_planes = narrowed(KNOWN.outline, RegionConfig.region_margin, DATA)
     region = half_planes.region()
     assert figures["area"] == region.area < 0.6 * KNOWN.outline.polygon.area
     assert figures["polygon"] == region.corners.tolist()
@@ -70,7 +53,7 @@ def test_a_plan_is_written_over_another_file_only_by_force(tmp_path):
 def test_margin_and_excluded_pushes_count(data):
     figures = json.loads(said("region", data, "--region-margin", 0, "--exclude-push", 2, "--exclude-push", 5, "--json"))
     kept = [observation for observation in DATA if observation.push_id not in (2, 5)]
-    assert figures["area"] == region_of(kept, margin=0.0).region().area
+    assert figures["area"] == narrowed(KNOWN.outline, 0.0, kept).region().area
     assert figures["pushes"] == 6
 
 
@@ -82,7 +65,8 @@ def test_without_data_a_plan_is_made_for_the_whole_outline(tmp_path):
 
 def test_after_data_it_is_made_for_the_region_that_is_left(data, tmp_path):
     said("region", data, "--plan", tmp_path / "plan.yaml")
-    expected = [one.push for one in planned_pushes(region_of(DATA), 10)]
+    half_planes = narrowed(KNOWN.outline, RegionConfig.region_margin, DATA)
+    expected = [one.push for one in planned_pushes(half_planes, 10)]
     assert load_plan(str(tmp_path / "plan.yaml"), load_object(NAME)) == expected
 
 
@@ -92,7 +76,7 @@ def test_a_collapsed_region_says_so(tmp_path):
         Observation((x, -0.032), (0.0, -1.0), Twist(0.0, 0.02, omega), push_id)
         for push_id, (x, omega) in enumerate(((-0.01, -0.1), (-0.05, 0.1)))
     ]
-    path = csv_of(tmp_path / "data.csv", pushes)
+    path = save_observations(tmp_path / "data.csv", pushes)
     figures = json.loads(said("region", path, "--json"))
     assert (figures["collapsed"], figures["area"], figures["polygon"], figures["next_pushes"]) == (True, 0.0, [], [])
     assert figures["violation"] > 0.01

@@ -1,11 +1,11 @@
 """Numbers in other units than SI are refused in one line, which asks for the unit in which they would make sense."""
 
-import csv
 import pathlib
 import re
 
 import pytest
 import yaml
+from problems import save_csv
 
 from pushfric_core.commands import cli
 from pushfric_core.errors import InvalidInput
@@ -38,13 +38,10 @@ FILES = {
 
 def write(folder, files):
     for name, content in files.items():
-        with (folder / name).open("w", newline="") as stream:
-            if name.endswith(".yaml"):
-                yaml.safe_dump(content, stream)
-            else:
-                writer = csv.DictWriter(stream, content[0])
-                writer.writeheader()
-                writer.writerows(content)
+        if name.endswith(".yaml"):
+            (folder / name).write_text(yaml.safe_dump(content))
+        else:
+            save_csv(folder / name, content[0], *(row.values() for row in content))
 
 
 ESTIMATE = ("estimate", "data.csv", "--object", "object.yaml", "--json")

@@ -2,11 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import observations_of
+from problems import narrowed, observations_of
 
 from pushfric_core import Estimator, EstimatorConfig, Hypothesis, Observation, Outline, Recognizer, Support, UninformativePush
 from pushfric_core.estimation.online_estimation import OnlineEstimation
-from pushfric_core.estimation.region import HalfPlanes, line_of_motion
 from pushfric_core.geometry.planar import Twist, velocity_at
 from pushfric_core.steps import finished
 
@@ -26,10 +25,7 @@ def started(refuse=pytest.fail, **config):
 
 
 def corners(data):
-    half_planes = HalfPlanes(BAR, 0.001)
-    for observation in data:
-        half_planes.add(line_of_motion(observation))
-    return half_planes.region().corners
+    return narrowed(BAR, 0.001, data).region().corners
 
 
 def test_each_step_gives_what_its_part_gives_alone():

@@ -8,6 +8,7 @@ import typing
 import numpy as np
 import pytest
 import yaml
+from problems import save_csv
 
 from pushfric_core import TABLE_1, InvalidInput, Outline
 from pushfric_core.cell.cell_file import SECTIONS, driver_kinds, load_cell
@@ -307,14 +308,9 @@ def test_a_cells_estimator_section_becomes_parameters(write):
 PLATE = Outline.rectangle(0.1, 0.06)
 
 
-def written(path, columns, *rows):
-    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
-    return path
-
-
 def test_columns_may_stand_in_any_order_with_others(tmp_path):
     columns = ("note", *reversed(TURNED))
-    path = written(tmp_path / "pushes.csv", columns, ("x", -1, 0.3, 0.2, 0.01, -1, 0, -0.03, 0.02))
+    path = save_csv(tmp_path / "pushes.csv", columns, ("x", -1, 0.3, 0.2, 0.01, -1, 0, -0.03, 0.02))
     pushes = read_edge_pushes(path, PLATE)
     assert np.array_equal(pushes.contact_points, [[0.02, -0.03]])
     assert np.array_equal(pushes.contact_normals, [[0, -1]])
@@ -334,18 +330,18 @@ def test_columns_may_stand_in_any_order_with_others(tmp_path):
     ],
 )
 def test_a_wrong_row_is_named(tmp_path, row, expected):
-    path = written(tmp_path / "pushes.csv", MOVED, row)
+    path = save_csv(tmp_path / "pushes.csv", MOVED, row)
     with pytest.raises(InvalidInput, match=expected):
         read_point_pushes(path, PLATE)
 
 
 def test_a_wrong_file_is_named(tmp_path):
     with pytest.raises(InvalidInput, match="missing column tip_vy; expected contact_x"):
-        read_point_pushes(written(tmp_path / "pushes.csv", MOVED[:-1]), PLATE)
+        read_point_pushes(save_csv(tmp_path / "pushes.csv", MOVED[:-1]), PLATE)
     with pytest.raises(InvalidInput, match="no pushes; expected a row for each"):
-        read_point_pushes(written(tmp_path / "pushes.csv", MOVED), PLATE)
+        read_point_pushes(save_csv(tmp_path / "pushes.csv", MOVED), PLATE)
     contact = (0, -0.03, 0, -1)
     with pytest.raises(InvalidInput, match="line 2: half_width must be at least 0"):
-        read_edge_pushes(written(tmp_path / "pushes.csv", TURNED, (*contact, -0.01, 0, 0, 1)), PLATE)
+        read_edge_pushes(save_csv(tmp_path / "pushes.csv", TURNED, (*contact, -0.01, 0, 0, 1)), PLATE)
     with pytest.raises(InvalidInput, match=r"line 2: turn must be \+1 \(counter-clockwise\) or -1, got 0"):
-        read_edge_pushes(written(tmp_path / "pushes.csv", TURNED, (*contact, 0.01, 0, 0, 0)), PLATE)
+        read_edge_pushes(save_csv(tmp_path / "pushes.csv", TURNED, (*contact, 0.01, 0, 0, 0)), PLATE)

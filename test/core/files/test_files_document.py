@@ -1,6 +1,5 @@
 """What docs/files.md and docs/cell.md say is true: the keys of JSON, the example of recognize, the example of a cell."""
 
-import csv
 import pathlib
 import re
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from calls import figures
-from problems import observations_of
+from problems import observations_of, save_csv
 
 from docs import reference
 from pushfric_core.cell.cell_file import load_cell
@@ -47,14 +46,11 @@ def keys_of(value, name=""):
 def data(tmp_path_factory):
     """Pushes with measured forces, so that every key appears."""
     known = TABLE_1[NAME]
-    path = tmp_path_factory.mktemp("data") / "data.csv"
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow((*REQUIRED, "force_x", "force_y"))
-        for o in observations_of(known.outline, known.support, known.mu_c, 8, np.random.default_rng(3)):
-            friction = known.support.weights @ friction_directions(known.support.points, o.twist)
-            writer.writerow((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, *-friction))
-    return path
+    rows = []
+    for o in observations_of(known.outline, known.support, known.mu_c, 8, np.random.default_rng(3)):
+        friction = known.support.weights @ friction_directions(known.support.points, o.twist)
+        rows.append((*o.contact_point, *o.contact_normal, *o.twist, o.push_id, *-friction))
+    return save_csv(tmp_path_factory.mktemp("data") / "data.csv", (*REQUIRED, "force_x", "force_y"), *rows)
 
 
 def test_the_keys_of_an_estimate_are_documented(data):

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 import yaml
-from problems import three_feet
+from problems import FULL, three_feet
 
-from pushfric_core import Estimator, EstimatorConfig, InvalidInput, Observation, Pose, Twist, friction_model, load
+from pushfric_core import Estimator, EstimatorConfig, InvalidInput, friction_model, load
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import ObservationEntry, load_model, make_model, save_model
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object
@@ -50,25 +50,12 @@ def test_what_is_saved_is_read_to_the_last_bit(path):
 
 
 def test_all_that_a_data_point_brings_is_kept(tmp_path):
-    full = Observation(
-        (0.0125, -1e-05),
-        (0.0, -1.0),
-        Twist(1e-05, 0.1, math.pi),
-        7,
-        0.002,
-        0.3,
-        123456789,
-        Pose(0.1, 0.2, -0.3),
-        (0.5, 1 / 3),
-        (0.02, 1 / 7),
-        2 / 7000,
-    )
-    assert all(getattr(full, field.name) != field.default for field in dataclasses.fields(full)), "a field is not tried"
-    model, estimate, _ = estimated([full])
+    assert all(getattr(FULL, field.name) != field.default for field in dataclasses.fields(FULL)), "a field is not tried"
+    model, estimate, _ = estimated([FULL])
     path = tmp_path / "model.yaml"
     save_model(make_model(model, estimate, "a test", EstimatorSettings()), path)
-    assert load_model(path)[0].observations() == [full]
-    assert len(ObservationEntry.model_fields) == len(dataclasses.fields(full))
+    assert load_model(path)[0].observations() == [FULL]
+    assert len(ObservationEntry.model_fields) == len(dataclasses.fields(FULL))
 
 
 @pytest.mark.parametrize(
