@@ -33,20 +33,16 @@ class SimulatedMarlin(SerialController):
     Its answers are those of Marlin 2.1.2.1, compiled for a computer, as far as a pusher needs them.
     """
 
-    def __init__(self, clock: Callable[[], float], max_speed: float = 0.1, acceleration: float = 0.5, restarts: bool = True,
-                 real_positions: bool = True) -> None:  # fmt: skip
-        """The carriage stands at 0.
+    def __init__(self, clock: Callable[[], float], real_positions: bool = True) -> None:
+        """The carriage stands at 0. The controller restarts whenever its port is opened.
 
         Args:
             clock: time in which the carriage moves [s].
-            max_speed: of the carriage [m/s].
-            acceleration: of the carriage [m/s^2].
-            restarts: see SerialController.
             real_positions: the firmware was built with M114_REALTIME; otherwise it reports where the last line will end.
         """
-        super().__init__(restarts)
+        super().__init__(restarts=True)
         self._clock = clock
-        self._max_speed, self._acceleration, self._real = 1000 * max_speed, 1000 * acceleration, real_positions
+        self._max_speed, self._acceleration, self._real = 100.0, 500.0, real_positions  # [mm/s], [mm/s^2]
         self._carriage = 0.0  # where it rests, or the motion begins [mm]
         self._motion: CarriageMotion | None = None
         self._plan: deque[Block] = deque()
@@ -62,18 +58,8 @@ class SimulatedMarlin(SerialController):
 
     # Faults
 
-    def reset(self) -> None:
-        """Power fails for a moment: the carriage stops at once, and the controller calls the place 0 m where it stands."""
-        with self._lock:
-            self._halt()
-            self._zero = self._carriage
-            self._restart()
-
     def hold_in_reset(self, held: bool) -> None:
-        with self._lock:
-            self._advance()
-            if held and self._motion is not None:
-                self._boot()
+        """It has no such input."""
 
     def kill(self, why: str) -> None:
         """The firmware halts, as it does when something is wrong with a heater."""

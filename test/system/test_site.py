@@ -59,17 +59,11 @@ def test_the_front_page_has_the_film_a_command_and_three_doors(site):
     assert re.findall(r"<p>(Operator|Researcher|Planner)</p></th>", front) == ["Operator", "Researcher", "Planner"]
 
 
-@pytest.mark.parametrize(
-    ("page", "outputs", "pictures", "said"),
-    [
-        ("data_to_verdict", 6, 1, "omega is in deg"),
-    ],
-)
-def test_a_notebook_was_run(site, page, outputs, pictures, said):
-    text = (site / f"{page}.html").read_text()
-    assert text.count('class="output ') == outputs
-    assert text.count("data:image/png;base64") + len(re.findall(r'src="_images/[0-9a-f]{64}\.png"', text)) == pictures
-    assert said in text
+def test_the_notebook_was_run(site):
+    text = (site / "data_to_verdict.html").read_text()
+    assert text.count('class="output ') == 6
+    assert text.count("data:image/png;base64") + len(re.findall(r'src="_images/[0-9a-f]{64}\.png"', text)) == 1
+    assert "omega is in deg" in text
 
 
 def test_formulas_are_drawn_by_the_browser_itself(site, browser):

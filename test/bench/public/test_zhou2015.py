@@ -16,17 +16,15 @@ LOGS = {"30_90_30_30_30_90__exp_08_11_50_mixed.txt": 5.2, "patch__exp_08_18_1435
 """Reference: distance of p_CF from (50, 50) mm with plain moment rows on a 55-point grid [mm]."""
 
 
-def refuse(line):
-    pytest.fail(line)
-
-
 def test_real_pushes_give_their_centre_of_friction(real_pushes, tmp_path):
     written = {w.path.name: w.path for w in zhou2015.import_pushes(real_pushes / "push_points.csv", tmp_path / "csv")}
     for log, reference in LOGS.items():
         zhou2015.import_pushes(real_pushes / "logs" / f"{log}.gz", tmp_path / log)
         bag = written[log.removesuffix(".txt")]
         model = load_object(str(bag / OBJECT_FILE))
-        from_log, data = (Recorded(one).read(model, EstimatorSettings(), refuse).observations for one in (tmp_path / log, bag))
+        from_log, data = (
+            Recorded(one).read(model, EstimatorSettings(), pytest.fail).observations for one in (tmp_path / log, bag)
+        )
         assert sorted(one.push_id for one in from_log) == [one.push_id for one in data]
         errors = [
             1e3 * np.hypot(*(Estimator(model.support_points, config).add(data).center_of_friction - 0.05))

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import types
 
 import pytest
 from tornado.httpclient import AsyncHTTPClient, HTTPClientError, HTTPRequest
@@ -14,17 +15,10 @@ from pushfric_core.page.run_server import Server
 PATIENCE = 60.0
 
 
-class Told:
-    """Keeps what the server tells its node."""
-
-    def __init__(self) -> None:
-        self.looking: list[bool] = []
-        self.requests: list = []
-
-
 @pytest.fixture
 def told():
-    return Told()
+    """Keeps what the server tells its node."""
+    return types.SimpleNamespace(looking=[], requests=[])
 
 
 @pytest.fixture

@@ -31,8 +31,7 @@ class Peer:
     """A controller whose answers the test scripts; it serves when called, in the thread of the test."""
 
     def __init__(self) -> None:
-        self._master, slave, self.port = pseudo_terminal()
-        self._slave: int | None = slave
+        self._master, self._slave, self.port = pseudo_terminal()
         self.heard = b""  # everything except status queries
         self.status = IDLE
         self.replies = {b"$I": "[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n", b"$$": SETTINGS + "ok\r\n"}
@@ -68,18 +67,13 @@ class Peer:
             assert time.monotonic() < deadline, self.heard
             self.serve()
 
-    def unplug(self) -> None:
-        if self._slave is not None:
-            os.close(self._slave)
-            os.close(self._master)
-            self._slave = None
-
 
 @pytest.fixture
 def peer() -> Iterator[Peer]:
     peer = Peer()
     yield peer
-    peer.unplug()
+    os.close(peer._slave)
+    os.close(peer._master)
 
 
 def drive(pusher: SerialPusher, until: Callable[[], object], peer: Peer, ask: bool = True) -> list[PusherReport]:

@@ -23,10 +23,6 @@ def share(picture: np.ndarray, colour: tuple[int, int, int], pose: Pose) -> floa
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     points = np.concatenate([begin + np.linspace(0, 1, 60, endpoint=False)[:, None] * (end - begin) for begin, end in sides])
     pixels = np.rint(CAMERA.project(points, HEIGHT)).astype(int)
-    return coloured(picture, colour, pixels)
-
-
-def coloured(picture: np.ndarray, colour: tuple[int, int, int], pixels: np.ndarray) -> float:
     near = [[picture[v + dv, u + du] for du in (-1, 0, 1) for dv in (-1, 0, 1)] for u, v in pixels]
     return float(np.mean(np.abs(np.array(near, int) - colour).max(axis=2).min(axis=1) < 60))
 
