@@ -1,6 +1,5 @@
 """The files that a forge and citation tools read: they match their schemas, and run what this repository has."""
 
-import ast
 import pathlib
 import re
 import subprocess
@@ -32,17 +31,11 @@ def test_every_file_is_checked():
     assert {str(path.relative_to(ROOT)) for path in (ROOT / ".github").rglob("*.yml")} == {*SCHEMAS} - {"CITATION.cff"}
 
 
-def script_of(name: str):
-    """A constant of the set-up."""
-    (value,) = re.findall(rf"^{name} = (.*)$", (ROOT / "set_up.py").read_text(), re.MULTILINE)
-    return ast.literal_eval(value.partition("  #")[0])
-
-
-def test_the_workflow_runs_ci_with_each_distribution():
+def test_the_workflow_runs_ci_with_each_distribution(script):
     jobs = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"]
     pythons = [tuple(map(int, text.split("."))) for text in jobs["wheels"]["strategy"]["matrix"]["python"]]
-    assert (pythons[0], pythons[-1]) == script_of("PYTHONS")
-    assert jobs["wheels"]["strategy"]["matrix"]["distro"] == list(script_of("DISTROS"))
+    assert (pythons[0], pythons[-1]) == script.PYTHONS
+    assert jobs["wheels"]["strategy"]["matrix"]["distro"] == list(script.DISTROS)
     assert jobs["ros"]["strategy"]["matrix"]["distro"] == ["jazzy", "kilted"]
     for job in jobs.values():
         commands = "\n".join(step.get("run", "") for step in job["steps"])
@@ -91,6 +84,6 @@ def test_the_container_files_run_what_the_docs_say(name):
         assert any(command in run for run in runs)
 
 
-def test_the_container_without_ros_has_every_system_package():
+def test_the_container_without_ros_has_every_system_package(script):
     (run,) = [one for what, one in instructions(ROOT / "containers/wheels.Dockerfile") if what == "RUN" and "apt-get" in one]
-    assert set(script_of("SYSTEM_PACKAGES").values()) <= set(run.split())
+    assert set(script.SYSTEM_PACKAGES.values()) <= set(run.split())

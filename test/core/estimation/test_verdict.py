@@ -118,7 +118,7 @@ def test_supports_whose_hull_misses_the_center_of_friction_are_told():
 TRIANGLE = three_feet()
 
 
-def aimed(change=lambda observation: observation, center=None):
+def aimed(center=None):
     """The estimator, and the verdict on pushes that pass p_CF of the triangle at 4 to 12 mm, with a given p_CF or none."""
     outline, truth = TRIANGLE.outline, TRIANGLE.truth
     estimator = Estimator(outline.grid(6, 6, 0.01), center_of_friction=center)
@@ -128,7 +128,7 @@ def aimed(change=lambda observation: observation, center=None):
         middle = (truth.center_of_friction - outline.vertices[edge]) @ along - outline.lengths[edge] / 2
         for offset in (-0.012, -0.008, -0.004, 0.004, 0.008, 0.012):
             observation, _ = pushed_as_planned(truth, outline, PlannedPush(edge, float(middle) + offset), 0.3)
-            estimate = estimator.add(change(replace(observation, push_id=push_id)))
+            estimate = estimator.add(replace(observation, push_id=push_id))
             push_id += 1
     return estimate, estimate.verdict
 

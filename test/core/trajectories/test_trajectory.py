@@ -163,30 +163,22 @@ def test_a_pose_that_is_not_finite_is_refused():
         Trajectory(OUTLINE).add_pusher(PusherSample(1, np.nan, 0.0, LINE, None))
 
 
-def frozen(poses, k):
-    return poses[12] if k > 12 else poses[k]
-
-
-def shifted_along(poses, k):
-    return Pose(poses[k].x, poses[k].y + 0.025 * (k > 20), poses[k].theta)
-
-
 def shifted_across(poses, k):
     return Pose(poses[k].x + 0.025 * (k > 20), poses[k].y, poses[k].theta)
-
-
-def away_from_the_start(poses, k):
-    return Pose(poses[k].x, poses[k].y + 0.025, poses[k].theta)
 
 
 @pytest.mark.parametrize(
     ("fault", "expected"),
     [
-        (frozen, "does not follow the pusher: the tip would be ([6-9]|10) mm inside it"),
-        (shifted_along, "leaps by 2[5-8] mm"),
+        (lambda poses, k: poses[min(k, 12)], "does not follow the pusher: the tip would be ([6-9]|10) mm inside it"),
+        (lambda poses, k: Pose(poses[k].x, poses[k].y + 0.025 * (k > 20), poses[k].theta), "leaps by 2[5-8] mm"),
         (shifted_across, "leaps by 2[5-8] mm"),
-        (away_from_the_start, "moves though the tip is more than 2[45] mm away"),
+        (
+            lambda poses, k: Pose(poses[k].x, poses[k].y + 0.025, poses[k].theta),
+            "moves though the tip is more than 2[45] mm away",
+        ),
     ],
+    ids=["frozen", "shifted along", "shifted across", "away from the start"],
 )
 def test_poses_that_do_not_follow_the_pusher_contradict_it(fault, expected):
     poses, pushers = samples_of_a_push()
