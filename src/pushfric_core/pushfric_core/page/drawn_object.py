@@ -13,7 +13,7 @@ import shapely
 from pydantic import Field
 
 from pushfric_core.cell.node_settings import ViewConfig
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import InvalidInput, blaming
 from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import Length, ObjectFile, ObjectModel, Point, edited_object
 from pushfric_core.files.yaml_files import Strict, fitting, read_yaml
@@ -109,10 +109,8 @@ class DrawnObject:
         with fitting("expected a drawing"):
             drawing = Drawing.model_validate_json(body)
         if drawing.find:
-            try:
+            with blaming("no outline was found", NotSeen):
                 drawing = drawing.model_copy(update={"outline": self._found(drawing), "find": False})
-            except NotSeen as reason:
-                raise InvalidInput(f"no outline was found: {reason}") from reason
         self._drawing = drawing
         self._check()
 

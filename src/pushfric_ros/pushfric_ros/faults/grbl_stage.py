@@ -9,7 +9,7 @@ import subprocess
 import time
 from dataclasses import replace
 
-from pushfric_core.errors import InvalidInput
+from pushfric_core.errors import blaming
 from pushfric_core.pushers.axis_reports import AXES
 from pushfric_core.pushers.grbl import INCH
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
@@ -47,10 +47,8 @@ class GrblStage(Stage):
         self._rest, self._unit, self._raw = b"", 1.0, 0.0  # [mm]
         self._zero: float | None = None  # where the rehearsal began, by the controller's count [mm]
         self._heard_at = 0.0
-        try:
+        with blaming(f"cannot open {self.grbl.port}", OSError):
             self.line = self.enter_context(FaultyLine(self.grbl.port, self.grbl.baud))
-        except OSError as error:
-            raise InvalidInput(f"cannot open {self.grbl.port}: {error}") from error
         self.port = self.line.port  # the name by which an actuator calls it
         self.line.heard = self._listen
         super().open()

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 from pushfric_core.bags.samples import stamp_from_msg
-from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.errors import InvalidInput, PushfricError, blaming
 from pushfric_core.pushers.pusher import Limits, Mode, Pusher, PusherConfig, PusherDriver, PusherError, drive
 from pushfric_core.pushers.stroke import OFF_WAY
 from pushfric_core.settings import plain
@@ -267,10 +267,8 @@ class Stage(contextlib.ExitStack):
         """The stage, made `ready` for a fault."""
         self.ready()
         self.first = len(self.heard)
-        try:
+        with blaming("", NoAnswer, error=Otherwise):
             yield self
-        except NoAnswer as error:
-            raise Otherwise(str(error)) from error
 
     def ready(self) -> None:
         """Have an actuator that accepts pushes, and the pusher where the rehearsal began.
@@ -287,10 +285,8 @@ class Stage(contextlib.ExitStack):
         self.witness()
         self.make_ready()
         if abs(self.along()) > self.same:
-            try:
+            with blaming("the pusher could not be brought back", NoAnswer, error=EndedEarly):
                 self.person.jog(-self.along(), min(5 * self.given.speed, self.limits.max_speed))
-            except NoAnswer as error:
-                raise EndedEarly(f"the pusher could not be brought back: {error}") from error
             until = time.monotonic() + BACK
             self.wait(lambda: abs(self.along()) <= self.same or time.monotonic() > until, "the pusher to be back")
             if abs(self.along()) > self.same:
