@@ -4,6 +4,7 @@ import math
 import pathlib
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -68,7 +69,7 @@ class ViewNode(Node):
         self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this thread to do
         self._wake = self.create_guard_condition(self._do_what_is_asked)
         shown = declare(self, ShownConfig)
-        told = self._here(self._carry_out), self._here(self._look)
+        told = partial(self._ask, self._carry_out), partial(self._ask, self._look)
         self._server = Server(config, *told, pathlib.Path(shown.report) if shown.report else None)
         self._server.show(self._story.begin() | {"report": shown.report, "played": shown.played})
         self._watched: list[Subscription] = []  # what is received only while somebody looks
@@ -88,7 +89,7 @@ class ViewNode(Node):
         story = self._story
         # from the start, even if nobody looks: a visitor who comes late gets all of it
         self._needed = [
-            topics.subscribe(kind, topic, self._reading(kind, self._telling(told)), qos, raw=True)
+            topics.subscribe(kind, topic, partial(self._receive, kind, partial(self._tell, told)), qos, raw=True)
             for kind, topic, told, qos in (
                 (FrictionEstimate, "friction_estimate", self._on_estimate, LATCHED_QUEUE),
                 (Observation, "observation", lambda msg: story.on_observation(observation_from_msg(msg)), RELIABLE),
@@ -97,8 +98,9 @@ class ViewNode(Node):
                 (String, "pusher_fault", lambda msg: story.on_fault(msg.data), LATCHED),
             )
         ][:2]
-        topics.subscribe(CompressedImage, KEYFRAMES, self._reading(CompressedImage, self._on_keyframe), RELIABLE, raw=True)
-        self.create_subscription(DiagnosticArray, "/diagnostics", self._telling(self._on_diagnostics), RELIABLE)
+        keep = partial(self._receive, CompressedImage, self._on_keyframe)
+        topics.subscribe(CompressedImage, KEYFRAMES, keep, RELIABLE, raw=True)
+        self.create_subscription(DiagnosticArray, "/diagnostics", partial(self._tell, self._on_diagnostics), RELIABLE)
 
     @property
     def url(self) -> str:
@@ -110,30 +112,22 @@ class ViewNode(Node):
         self._server.close()
         super().destroy_node()
 
-    def _telling(self, told: Callable[[Any], Change]) -> Callable[[Any], None]:
-        """A callback that tells the visitors what a message changes."""
+    def _tell(self, told: Callable[[Any], Change], msg: Any) -> None:
+        """Tell the visitors what a message changes."""
+        try:
+            change = told(msg)
+        except (ValueError, PushfricError) as error:
+            if type(msg) not in self._unshown:  # the logger's own `once` would be for messages of all types together
+                self._unshown.add(type(msg))
+                self.get_logger().error(f"{type(msg).__name__} not shown: {error}")
+        else:
+            self._server.show(change)
 
-        def on_message(msg: Any) -> None:
-            try:
-                change = told(msg)
-            except (ValueError, PushfricError) as error:
-                if type(msg) not in self._unshown:  # the logger's own `once` would be for messages of all types together
-                    self._unshown.add(type(msg))
-                    self.get_logger().error(f"{type(msg).__name__} not shown: {error}")
-            else:
-                self._server.show(change)
-
-        return on_message
-
-    def _reading(self, kind: type, act: Callable[[Any], None]) -> Callable[[bytes], None]:
-        """A callback for the bytes of a message: in their order, at once if somebody looks, else later."""
-
-        def on_bytes(data: bytes) -> None:
-            self._unread.append(lambda: act(deserialize_message(data, kind)))
-            if self._looking:
-                self._read()
-
-        return on_bytes
+    def _receive(self, kind: type, act: Callable[[Any], None], data: bytes) -> None:
+        """Take the bytes of a message: in their order, at once if somebody looks, else later."""
+        self._unread.append(lambda: act(deserialize_message(data, kind)))
+        if self._looking:
+            self._read()
 
     def _read(self) -> None:
         while self._unread:
@@ -143,14 +137,10 @@ class ViewNode(Node):
         while self._asked:
             self._asked.popleft()()
 
-    def _here(self, do: Callable[[Any], None]) -> Callable[[Any], None]:
-        """The same for the server's thread: it is done in this node's."""
-
-        def ask(what: Any) -> None:
-            self._asked.append(lambda: do(what))
-            self._wake.trigger()
-
-        return ask
+    def _ask(self, do: Callable[[Any], None], what: Any) -> None:
+        """In the server's thread: have something done in this node's."""
+        self._asked.append(lambda: do(what))
+        self._wake.trigger()
 
     def _look(self, looking: bool) -> None:
         """Begin to receive what moves and to read all at once, or stop."""
@@ -162,8 +152,8 @@ class ViewNode(Node):
         if looking:
             callbacks: dict[str, Callable[[Any], None]] = {
                 "overlay/compressed": lambda msg: self._server.picture(bytes(msg.data)),
-                "object_pose": self._telling(lambda msg: {"pose": list(pose_sample_from_msg(msg).pose)}),
-                "pusher_state": self._telling(_pusher),
+                "object_pose": partial(self._tell, lambda msg: {"pose": list(pose_sample_from_msg(msg).pose)}),
+                "pusher_state": partial(self._tell, _pusher),
             }
             self._watched = [
                 self.create_subscription(kind, topic, callbacks[topic], qos) for topic, (kind, qos) in self.AT_TIMES.items()
