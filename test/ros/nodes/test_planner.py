@@ -398,7 +398,7 @@ def test_a_model_that_makes_no_sense_answers_nothing(ros):
 def test_a_refusal_rests_on_what_was_known_when_the_work_began(ros):
     """A model that comes between the request and its first slice changes neither the reason nor the basis beside it."""
     planner = PlannerNode(namespace="/cell")
-    answer, refuse = planner._begins("predict_push", PredictPush)(push_request())
+    answer, refuse = planner._begin("predict_push", PredictPush, push_request())
     planner._on_model(FrictionModel(basis=Basis(object=NAME)))
     with pytest.raises(ValueError, match="no model has come yet") as failed:
         next(answer)

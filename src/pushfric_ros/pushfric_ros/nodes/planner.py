@@ -4,9 +4,9 @@ Each push is computed by itself, so the slices make no difference to the numbers
 """
 
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -185,17 +185,13 @@ class PlannerNode(Node):
         topics.subscribe(FrictionModelMsg, MODEL_TOPIC, self._on_model, LATCHED)
         self._turns = Turns(self, self._config.longest)
         for name, kind in QUESTIONS.items():
-            self._turns.serve(kind, f"~/{name}", self._begins(name, kind))
+            self._turns.serve(kind, f"~/{name}", partial(self._begin, name, kind))
 
-    def _begins(self, name: str, kind: Any) -> Callable[[Any], tuple[Answer, Refuse]]:
-        """Functions that begin and refuse the work for a request of a service: by what is known then, whatever comes later."""
-
-        def begin(request: Any) -> tuple[Answer, Refuse]:
-            known = self._known
-            answer = getattr(Answers(known, self._config), name)(request)
-            return answer, lambda reason: kind.Response(message=reason, basis=known.basis)
-
-        return begin
+    def _begin(self, name: str, kind: Any, request: Any) -> tuple[Answer, Refuse]:
+        """Begin the work for a request of a service, by what is known then, whatever comes later; and how to refuse it."""
+        known = self._known
+        answer = getattr(Answers(known, self._config), name)(request)
+        return answer, lambda reason: kind.Response(message=reason, basis=known.basis)
 
     def _on_model(self, msg: FrictionModelMsg) -> None:
         self._known = Known.of(msg)
