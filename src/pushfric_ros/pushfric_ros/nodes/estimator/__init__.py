@@ -16,7 +16,7 @@ from pushfric_core.bags.contents import mcap_file
 from pushfric_core.bags.run_record import PLAN
 from pushfric_core.belief.symptoms import tip_stays_away
 from pushfric_core.cell.node_settings import EstimatorInput, EstimatorNodeConfig, FrameConfig, ModelConfig, ObjectConfig
-from pushfric_core.errors import InvalidInput, PushfricError
+from pushfric_core.errors import InvalidInput, UninformativePush
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.files.estimator_settings import EstimatorSettings
 from pushfric_core.files.model_file import check_name, make_model, prior, save_model
@@ -180,24 +180,19 @@ class EstimatorNode(Node):
         elif self._take_input(topic, msg, received) and topic == "object_pose":
             self._transforms.broadcast(object_transform(msg))
 
+    def _on_observation(self, msg: ObservationMsg) -> None:
+        self._take_input("observation", msg, None)
+
     def _take_input(self, topic: str, msg: Any, received: int | None) -> bool:
         """Make observations from a message of a topic or of the bag; return whether the message was valid."""
         try:
             self._take(self._now.observations(topic, msg, received))
-        except ValueError as error:
+        except (ValueError, UninformativePush) as error:
             self._now.refuse_message(topic, error)
             return False
         if topic == "pusher_state":
             self._rest.pushing = msg.push_id != PusherState.NO_PUSH
         return True
-
-    def _on_observation(self, msg: ObservationMsg) -> None:
-        try:
-            observations = self._now.observations("observation", msg, None)
-        except (ValueError, PushfricError) as error:
-            self._now.refuse_message("observation", error)
-        else:
-            self._take(observations)
 
     def _take(self, observations: list[Observation]) -> None:
         for observation in observations:
