@@ -108,18 +108,14 @@ class Publications:
             bounds = self._bounds = BoundsReport.of(estimate, slips)
         report = EstimateReport.of(estimate, now.object.name, self._belief, (), now.verdict, bounds, self._believed)
         msg = estimate_to_msg(report)
-        self._estimate_out.publish(msg)
         # w, p_CF and mu_c have no status of their own
-        self._parts(msg if now.online.usable else nothing_known(now.object.name))
-        self._undrawn = msg
+        self._publish(msg, msg if now.online.usable else nothing_known(now.object.name))
 
     def publish_nothing(self) -> None:
         """Publish that nothing is known: without observations, nothing that was published before is valid any longer."""
         self.begin(self._now)
         msg = nothing_known(self._now.object.name)
-        self._estimate_out.publish(msg)
-        self._parts(msg)
-        self._undrawn = msg
+        self._publish(msg, msg)
         self._recognition_out.publish(Recognition())
 
     def publish_region(self) -> None:
@@ -159,10 +155,13 @@ class Publications:
         markers.markers += region_to_markers(self._region, outline)
         self._markers_out.publish(markers)
 
-    def _parts(self, msg: FrictionEstimate) -> None:
-        self._support_friction_out.publish(msg.support_friction)
-        self._center_of_friction_out.publish(PointStamped(header=msg.header, point=msg.center_of_friction))
-        self._contact_friction_out.publish(msg.contact_friction)
+    def _publish(self, msg: FrictionEstimate, usable: FrictionEstimate) -> None:
+        """Publish an estimate, and by themselves the parts of one that may be used."""
+        self._estimate_out.publish(msg)
+        self._support_friction_out.publish(usable.support_friction)
+        self._center_of_friction_out.publish(PointStamped(header=usable.header, point=usable.center_of_friction))
+        self._contact_friction_out.publish(usable.contact_friction)
+        self._undrawn = msg
 
 
 class Announcements:
