@@ -167,6 +167,7 @@ class EstimatorNode(Node):
         if self._resumption is not None and (last := self._resumption.settings) is not None:
             self._settings = dataclasses.replace(settings, kept=last.kept)
             settings = dataclasses.replace(self._settings, excluded=last.excluded)
+        # what cannot be loaded changes nothing
         self._now = LiveEstimation(chosen, settings.without(without), self.get_logger(), first)
         for observation in self._prior if chosen == self._initial else ():
             self._now.learn(observation)
@@ -217,7 +218,6 @@ class EstimatorNode(Node):
             self._observations_out.publish(observation_to_msg(observation, self._now.object.name))
 
     def _start_afresh(self, chosen: str, without: Iterable[int] = ()) -> None:
-        load_object(chosen)  # what cannot be loaded changes nothing
         self._begin(chosen, without=without)
         self._announcements.start(self._now, None)
 
