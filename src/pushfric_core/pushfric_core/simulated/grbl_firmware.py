@@ -33,6 +33,12 @@ GROUPS: dict[str, dict[float, str]] = {
 }  # fmt: skip
 """Modal groups. Offsets, probing and arcs are missing: a line that asks for them is an unknown command, or lacks a centre."""
 OFFSETS = ["G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92"]
+TOLD = {
+    "$#": [*(f"[{name}:0.000,0.000,0.000]" for name in OFFSETS), "[TLO:0.000]", "[PRB:0.000,0.000,0.000:0]"],
+    "$I": ["[VER:1.1h.20190830:]", "[OPT:V,15,128]"],
+    "$N": ["$N0=", "$N1="],
+}
+"""The answers that never change to lines that ask for something."""
 HELD = {"Hold": 1, "Door": 2}  # what each reports while it brakes
 MOST_LINES, MOST_TOOLS = 10_000_000, 255
 WHOLE = {0, 1, 2, 3, 4, 5, 6, 10, 13, 20, 21, 22, 23, 26, 30, 31, 32}
@@ -363,17 +369,9 @@ class SimulatedGrbl(SerialController):
                 self._say(f"${number}={value}")
         elif self._state not in ("Idle", "Alarm"):
             code = 8
-        elif line == "$#":
-            for name in OFFSETS:
-                self._say(f"[{name}:0.000,0.000,0.000]")
-            self._say("[TLO:0.000]")
-            self._say("[PRB:0.000,0.000,0.000:0]")
-        elif line == "$I":
-            self._say("[VER:1.1h.20190830:]")
-            self._say("[OPT:V,15,128]")
-        elif line == "$N":
-            self._say("$N0=")
-            self._say("$N1=")
+        elif line in TOLD:
+            for text in TOLD[line]:
+                self._say(text)
         elif line == "$SLP":
             self._respond(0)
             self._say("[MSG:Sleeping]")
