@@ -134,18 +134,16 @@ class NodeExecutor(SingleThreadedExecutor):
         waiting.wait(timeout_ns)
         if not self._context.ok():
             raise ExternalShutdownException()
-        found: list[tuple[Callable[[Entity], Any], Entity]] = []
+        found: list[tuple[Callable[[Entity], Any], Entity]]
+        found = [(self._take_waitable, one) for one in waitables if one.is_ready(waiting)]
         for take, kind, known in (
-            (self._take_waitable, "", waitables),
             (self._take_due_timer, "timer", timers),
             (self._take_subscription, "subscription", subscriptions),
             (self._take_guard_condition, "guard_condition", guards),
             (self._take_client, "client", clients),
             (self._take_service, "service", services),
         ):
-            if not kind:
-                found += [(take, one) for one in known if one.is_ready(waiting)]
-            elif ready := waiting.get_ready_entities(kind):
+            if ready := waiting.get_ready_entities(kind):
                 found += [(take, one) for one in known if one.handle.pointer in ready]
         return found
 
