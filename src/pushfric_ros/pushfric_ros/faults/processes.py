@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from pushfric_ros.faults.fault import Otherwise
-from pushfric_ros.graph.fork_server import die_with_parent
+from pushfric_ros.node_kit.executable import die_with_parent
 
 PROGRAM = (sys.executable, "-m", "pushfric_core")
 

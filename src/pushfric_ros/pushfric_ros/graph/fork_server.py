@@ -7,7 +7,6 @@ the command line, and the nodes die with it.
 """
 
 import contextlib
-import ctypes
 import gc
 import importlib
 import json
@@ -26,6 +25,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pushfric_core.errors import PushfricError
+from pushfric_ros.node_kit.executable import die_with_parent
 
 PRELOADED = (
     "pushfric_ros.node_kit.executable",
@@ -51,8 +51,6 @@ ROOM = 512
 
 END_TIMEOUT = 2.0
 """How long the server may take to end after its last request [s]."""
-
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 class ServerGone(PushfricError):
@@ -131,9 +129,7 @@ class ForkServer:
         """
         self.listen()
         if self.gone:
-            code = self._server.wait()
-            how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-            raise ServerGone(f"the process that starts the nodes {how}")
+            raise ServerGone(f"the process that starts the nodes {describe(self._server.wait())}")
 
     def start(self, arguments: Sequence[str], environment: Mapping[str, str], held: int | None = None) -> NodeProcess:
         """Start a process that runs a Python script.
@@ -197,6 +193,15 @@ def state_of(pid: int) -> str:
         return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:  # it has ended, or this is not Linux
         return "X"
+
+
+def describe(code: int) -> str:
+    """How a process ended, in words."""
+    if code == -signal.SIGALRM:
+        return "hung and was ended by SIGALRM"
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
 
 
 _prepared: list[ForkServer] = []
@@ -302,11 +307,6 @@ def _run_node(output: int, arguments: list[str], environment: Mapping[str, str])
     gc.enable()
     sys.argv = arguments[1:]
     runpy.run_path(sys.argv[0], run_name="__main__")
-
-
-def die_with_parent(number: int) -> None:
-    """Have the kernel send this process a signal when the one that started it ends, even if that is killed."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,9 @@ from launch.events.process import ProcessExited, ProcessStarted
 from launch_ros.actions import Node
 
 from pushfric_core.errors import PushfricError
+from pushfric_ros.graph.fork_server import describe
 from pushfric_ros.graph.graph import PACKAGE, Launchable, NodeSpec
-from pushfric_ros.graph.supervisor import RESPAWN_DELAY, Ended, Restarts, describe, scratch_folder
+from pushfric_ros.graph.supervisor import RESPAWN_DELAY, Ended, Restarts, scratch_folder
 from pushfric_ros.node_kit.executable import PARENT
 from pushfric_ros.node_kit.lock import lock
 from pushfric_ros.node_kit.visit import enclave

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from ament_index_python.packages import get_package_prefix
 
 from pushfric_ros.graph import fork_server
-from pushfric_ros.graph.fork_server import NodeProcess, ServerGone, state_of
+from pushfric_ros.graph.fork_server import NodeProcess, ServerGone, describe, state_of
 from pushfric_ros.graph.graph import PACKAGE, NodeSpec
 from pushfric_ros.node_kit.lock import lock
 from pushfric_ros.node_kit.visit import enclave
@@ -230,12 +230,3 @@ def command(spec: NodeSpec, namespace: str, folder: pathlib.Path) -> list[str]:
         "--params-file",
         str(parameters),
     ]
-
-
-def describe(code: int) -> str:
-    """How a process ended, in words."""
-    if code == -signal.SIGALRM:
-        return "hung and was ended by SIGALRM"
-    if code < 0:
-        return f"was killed by {signal.Signals(-code).name}"
-    return f"ended with exit code {code}"

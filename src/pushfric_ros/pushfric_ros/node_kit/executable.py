@@ -18,6 +18,13 @@ usage: ros2 run pushfric_ros {}_node [--ros-args [-p PARAMETER:=VALUE] [--params
 docs/interfaces.md lists parameters, topics and services; ros2 param describe says more while a node runs."""
 
 
+def die_with_parent(number: int) -> None:
+    """Have the kernel send this process a signal when the one that started it ends, even if that is killed."""
+    import ctypes  # late: a signal must not find it half loaded
+
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, number)
+
+
 def main() -> None:
     """Run the node that the executable NAME_node is named after; with --help, say how."""
     # One thread for each process, so that estimates are reproducible to the last bit and no update takes long.
@@ -31,9 +38,7 @@ def main() -> None:
         if not parent.isdecimal():
             print(f"error: {PARENT} must be the id of a process, got {parent[:40]!r}", file=sys.stderr)
             sys.exit(2)
-        import ctypes  # late: a signal must not find it half loaded
-
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+        die_with_parent(signal.SIGTERM)
         if os.getppid() != int(parent):  # the parent has ended already
             sys.exit()
     try:
