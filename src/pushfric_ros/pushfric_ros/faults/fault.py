@@ -50,20 +50,18 @@ class Outcome(NamedTuple):
 
 def tried(fault: Fault[Place], place: Callable[[], AbstractContextManager[Place]]) -> Outcome:
     """Cause a fault at a place that is made ready for each try."""
-    problem, tries = None, 0
-    while tries < TRIES:
+    for tries in range(1, TRIES + 1):
         found: dict[str, Any] = {}
-        tries += 1
+        problem: Otherwise | None = None
         try:
             with place() as here:
                 fault.must(here, fault.cause(here), found)
-            problem = None
-            break
         except Otherwise as error:
-            problem = str(error)
-            if not isinstance(error, EndedEarly):
-                break
-    return Outcome(fault.name, found, problem, tries)
+            problem = error
+        outcome = Outcome(fault.name, found, None if problem is None else str(problem), tries)
+        if not isinstance(problem, EndedEarly):
+            break
+    return outcome
 
 
 def demand(condition: object, otherwise: str) -> None:
