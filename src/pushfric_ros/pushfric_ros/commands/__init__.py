@@ -1,5 +1,7 @@
 """The commands that need the node graph, a pusher or a camera; they join the command line as an entry point."""
 
+from typing import Any
+
 SECTIONS = {
     "Cell": {
         "demo": "Run the whole node graph on a simulated cell: camera frames, a GRBL controller on a pseudo-terminal,"
@@ -29,6 +31,19 @@ MODULES = dict.fromkeys(("reset", "status", "echo", "jog"), "pusher")
 
 RUN_NODES = ("demo", "run", "replay")
 """Commands that start the nodes of a graph."""
+
+
+def launched(name: str) -> Any:
+    """For `ros2 launch`: the launch description of the graph with this name in `launch_files`."""
+    try:
+        from pushfric_ros.commands import launch_files
+        from pushfric_ros.graph.launch import launch_description
+    except (ImportError, AttributeError, TypeError) as error:
+        from pushfric_core.commands import dependencies
+
+        dependencies.explain(error)
+        raise
+    return launch_description(getattr(launch_files, name))
 
 
 def prepare(name: str) -> None:
