@@ -158,6 +158,8 @@ class SimulatedGrbl(SerialController):
 
     def _receive(self, data: bytes) -> None:
         """Real-time bytes are picked out wherever they stand; the rest becomes lines."""
+        # ! ~ Ctrl-X, the door, the end of a jog
+        at_once = {0x21: self._hold, 0x7E: self._resume, 0x18: self._boot, 0x84: self._open_door, 0x85: self._cancel_jog}
         with self._lock:
             # several resets that come together count as one
             for byte in data.replace(b"\x18\x18", b"\x18"):
@@ -165,16 +167,8 @@ class SimulatedGrbl(SerialController):
                 match byte:
                     case 0x3F:  # ?
                         self._asked, self._asked_at = True, self._clock()
-                    case 0x21:  # !
-                        self._hold()
-                    case 0x7E:  # ~
-                        self._resume()
-                    case 0x18:
-                        self._boot()
-                    case 0x84:
-                        self._open_door()
-                    case 0x85:
-                        self._cancel_jog()
+                    case _ if byte in at_once:
+                        at_once[byte]()
                     case _ if byte in OVERRIDES:
                         self._override(*OVERRIDES[byte])
                     case 0x0A | 0x0D:
