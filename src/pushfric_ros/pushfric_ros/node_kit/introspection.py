@@ -140,7 +140,7 @@ def _endpoints(node: Node, namespace: str) -> list[Endpoint]:
     # also if tf2_msgs, and so the publisher, is missing
     broadcasters = [value for value in vars(node).values() if isinstance(value, TransformBroadcaster)]
     made += [Endpoint("publishes", one.topic, TRANSFORMS, _qos(one.qos)) for one in broadcasters]
-    for name, (kind, quality) in getattr(node, "AT_TIMES", {}).items():
+    for name, (kind, quality, _) in getattr(node, "at_times", {}).items():
         package, folder, *_ = kind.__module__.split(".")
         made.append(Endpoint("subscribes", node.resolve_topic_name(name), f"{package}/{folder}/{kind.__name__}", _qos(quality)))
     return [endpoint._replace(name=_relative(endpoint.name, namespace, here[0])) for endpoint in made]

@@ -5,12 +5,13 @@ import pathlib
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.client import Client
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.task import Future
@@ -55,13 +56,6 @@ class ViewNode(Node):
     states only while somebody looks.
     """
 
-    AT_TIMES: ClassVar = {
-        "overlay/compressed": (CompressedImage, SENSOR_DATA),
-        "object_pose": (PoseWithCovarianceStamped, SENSOR_DATA),
-        "pusher_state": (PusherState, RELIABLE),
-    }
-    """The topics that are received only while somebody looks, with their types and qualities of service."""
-
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("view", **kwargs)
         model, config = declare(self, ObjectConfig), declare(self, ViewConfig)
@@ -72,7 +66,14 @@ class ViewNode(Node):
         told = partial(self._ask, self._carry_out), partial(self._ask, self._look)
         self._server = Server(config, *told, pathlib.Path(shown.report) if shown.report else None)
         self._server.show(self._story.begin() | {"report": shown.report, "played": shown.played})
-        self._watched: list[Subscription] = []  # what is received only while somebody looks
+        tell_pose = partial(self._tell, lambda msg: {"pose": list(pose_sample_from_msg(msg).pose)})
+        self.at_times: dict[str, tuple[type, QoSProfile, Callable[[Any], None]]] = {
+            "overlay/compressed": (CompressedImage, SENSOR_DATA, lambda msg: self._server.picture(bytes(msg.data))),
+            "object_pose": (PoseWithCovarianceStamped, SENSOR_DATA, tell_pose),
+            "pusher_state": (PusherState, RELIABLE, partial(self._tell, _pusher)),
+        }
+        """The topics that are received only while somebody looks: types, qualities of service and callbacks."""
+        self._watched: list[Subscription] = []  # the subscriptions to them
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
         self._unshown: set[type] = set()  # types of the messages of which the log says so
@@ -149,15 +150,8 @@ class ViewNode(Node):
         for subscription in self._watched:
             self.destroy_subscription(subscription)
         self._watched = []
-        if looking:
-            callbacks: dict[str, Callable[[Any], None]] = {
-                "overlay/compressed": lambda msg: self._server.picture(bytes(msg.data)),
-                "object_pose": partial(self._tell, lambda msg: {"pose": list(pose_sample_from_msg(msg).pose)}),
-                "pusher_state": partial(self._tell, _pusher),
-            }
-            self._watched = [
-                self.create_subscription(kind, topic, callbacks[topic], qos) for topic, (kind, qos) in self.AT_TIMES.items()
-            ]
+        for topic, (kind, qos, callback) in self.at_times.items() if looking else ():
+            self._watched.append(self.create_subscription(kind, topic, callback, qos))
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> Change:
         """The health of the cell's nodes, and of no others."""
