@@ -1,5 +1,6 @@
 """The tracker node: camera images -> the object's pose on the table."""
 
+import functools
 import time
 from typing import Any
 
@@ -53,7 +54,7 @@ class TrackerNode(Node):
         height = config.object_height or model.height
         self._object = model.name
         self._offset = round(config.time_offset * 1e9)  # added to the stamps of what is published [ns]
-        self._complaints: set[str] = set()
+        self._complain = functools.cache(self.get_logger().error)  # a line once, however often it is true
         self._watch = Watch(camera, driver.open_tracker(camera, model, height), self._complain)
         self._placed = False  # whether the object lies in place for a push
         self._reported = (time.monotonic(), 0, 0)
@@ -127,12 +128,6 @@ class TrackerNode(Node):
             self._latency = (self.get_clock().now().nanoseconds - stamp) / 1e9
         self._recording.take(frame, published, self._placed, watch.sighting is not None)
         self._drawing.show(frame, published, watch, self._placed)
-
-    def _complain(self, text: str) -> None:
-        """Log a line once."""
-        if text not in self._complaints:
-            self._complaints.add(text)
-            self.get_logger().error(text)
 
     def _health(self) -> Health:
         now, watch = time.monotonic(), self._watch
