@@ -4,7 +4,7 @@ Each push is computed by itself, so the slices make no difference to the numbers
 """
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
@@ -73,6 +73,9 @@ class Known:
 NUMBERS = 2 * BLOCK
 """Support points times samples times pushes in a slice: some 10 ms of work."""
 
+Slices = Generator[None, None, None]
+"""Work that pauses after each slice."""
+
 LEAST_STEP, LARGEST_STEP = 1e-4, 0.1
 """Limits of the step of a stroke [m]: more steps take too long, and fewer miss the corners of an object."""
 
@@ -90,19 +93,16 @@ class Answers:
 
     def predict_push(self, request: PredictPush.Request) -> Generator[None, None, PredictPush.Response]:
         model, outline = self._asked(request.mean_only)
-        self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
-        pushes = arrays_from_msg(request)
         response = PredictPush.Response(success=True, basis=self._known.basis)
-        for rows in _slices(len(pushes[0]), model):
-            if rows.start:
-                yield
-            points, normals, velocities = (array[rows] for array in pushes)
-            check_planned_contacts(outline, points, normals, rows.start)
-            found = predict(model, points, normals, velocities)
+
+        def take(*pushes: np.ndarray) -> None:
+            found = predict(model, *pushes)
             add(response, twists=found.twists, modes=[MODE_TO_MSG[mode] for mode in found.modes], spreads=found.spread)
             add(response, forces=found.forces, covariances=found.covariance)
             if request.with_samples:
                 add(response, sample_twists=found.samples.twists)
+
+        yield from self._in_slices(request, model, outline, take)
         if request.with_samples:
             response.weights = model.share
         return response
@@ -125,29 +125,20 @@ class Answers:
 
     def motion_cone(self, request: MotionCone.Request) -> Generator[None, None, MotionCone.Response]:
         model, outline = self._asked()
-        self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
-        points, normals = arrays_from_msg(request)
         response = MotionCone.Response(success=True, basis=self._known.basis)
-        for rows in _slices(len(points), model):
-            if rows.start:
-                yield
-            check_planned_contacts(outline, points[rows], normals[rows], rows.start)
-            add(response, **motion_cone(model, points[rows], normals[rows])._asdict())
+        yield from self._in_slices(request, model, outline, lambda *at: add(response, **motion_cone(model, *at)._asdict()))
         return response
 
     def stable_pushes(self, request: StablePushes.Request) -> Generator[None, None, StablePushes.Response]:
         model, outline = self._asked()
-        self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
-        turns = arrays_from_msg(request)
-        for half_width in np.unique(turns[2]).tolist():
-            check_half_width(outline, half_width)
         response = StablePushes.Response(success=True, basis=self._known.basis)
-        for rows in _slices(len(turns[0]), model):
-            if rows.start:
-                yield
-            points, normals, *rest = (array[rows] for array in turns)
-            check_planned_contacts(outline, points, normals, rows.start)
-            add(response, **stability(model, points, normals, *rest)._asdict())
+
+        def take(points: np.ndarray, normals: np.ndarray, half_widths: np.ndarray, *turns: np.ndarray) -> None:
+            for half_width in np.unique(half_widths).tolist():
+                check_half_width(outline, half_width)
+            add(response, **stability(model, points, normals, half_widths, *turns)._asdict())
+
+        yield from self._in_slices(request, model, outline, take)
         return response
 
     def limit_surface(self, _: GetLimitSurface.Request) -> Generator[None, None, GetLimitSurface.Response]:
@@ -161,6 +152,17 @@ class Answers:
         if model is None or outline is None:
             raise ValueError(self._known.why_not)
         return (model.mean if mean_only else model), outline
+
+    def _in_slices(self, request: Any, model: FrictionModel, outline: Outline, take: Callable[..., None]) -> Slices:
+        """Have the pushes of a request taken, a slice at a time: their points, their normals, and what else it has of them."""
+        self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
+        arrays = arrays_from_msg(request)
+        for rows in _slices(len(arrays[0]), model):
+            if rows.start:
+                yield
+            points, normals, *rest = (array[rows] for array in arrays)
+            check_planned_contacts(outline, points, normals, rows.start)
+            take(points, normals, *rest)
 
     def _check_number(self, name: str, number: int, setting: str) -> None:
         most = getattr(self._config, setting)
