@@ -61,7 +61,7 @@ class ViewNode(Node):
         model, config = declare(self, ObjectConfig), declare(self, ViewConfig)
         self._story = Story(load_object(model.object), self.get_namespace())
         self._asked: deque[Callable[[], None]] = deque()  # what the server's thread asks this thread to do
-        self._wake = self.create_guard_condition(self._do_what_is_asked)
+        self._wake = self.create_guard_condition(partial(_do_all, self._asked))
         shown = declare(self, ShownConfig)
         told = partial(self._ask, self._carry_out), partial(self._ask, self._look)
         self._server = Server(config, *told, pathlib.Path(shown.report) if shown.report else None)
@@ -76,6 +76,7 @@ class ViewNode(Node):
         self._watched: list[Subscription] = []  # the subscriptions to them
         self._looking = False
         self._unread: deque[Callable[[], None]] = deque()  # in the order in which they came
+        self._read = partial(_do_all, self._unread)
         self._unshown: set[type] = set()  # types of the messages of which the log says so
         wall_timer(self, UNSEEN_PERIOD, self._read)
         self._stop_out = self.create_publisher(Empty, "stop", RELIABLE)
@@ -129,14 +130,6 @@ class ViewNode(Node):
         self._unread.append(lambda: act(deserialize_message(data, kind)))
         if self._looking:
             self._read()
-
-    def _read(self) -> None:
-        while self._unread:
-            self._unread.popleft()()
-
-    def _do_what_is_asked(self) -> None:
-        while self._asked:
-            self._asked.popleft()()
 
     def _ask(self, do: Callable[[Any], None], what: Any) -> None:
         """In the server's thread: have something done in this node's."""
@@ -207,6 +200,12 @@ class ViewNode(Node):
         if silent and not self._story.is_over:
             return Health(Level.WARN, f"no publisher of {', '.join(silent)}", values)
         return Health(Level.OK, "serving", values)
+
+
+def _do_all(waiting: deque[Callable[[], None]]) -> None:
+    """Do what waits, in its order."""
+    while waiting:
+        waiting.popleft()()
 
 
 def _pusher(msg: PusherState) -> Change:
