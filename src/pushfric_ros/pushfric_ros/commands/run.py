@@ -1,7 +1,6 @@
 """The command `run`."""
 
 import pathlib
-import tempfile
 import time
 from dataclasses import replace
 from typing import Annotated
@@ -24,6 +23,7 @@ from pushfric_core.vision.camera import load_camera
 from pushfric_ros.commands.recorded_run import left_behind, print_result
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph
+from pushfric_ros.graph.supervisor import scratch_folder
 
 app = Application()
 
@@ -73,17 +73,13 @@ def run(
     how = " --simulated" * simulated + " --simulated-camera" * simulated_camera
 
     def say_how_to_go_on(push: int) -> None:
-        if file.plan.choose:  # there is no plan to go on with
-            return
-        console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
+        if not file.plan.choose:  # otherwise there is no plan to go on with
+            console.print(f"the plan is not finished; go on with: ./pushfric run {cell} --start {push}{how}", markup=False)
 
     live = console.is_terminal and not headless
-    with (
-        telling_what_is_left(lambda: left_behind(bag, file.pusher is not None)),
-        tempfile.TemporaryDirectory(prefix="pushfric-run-") as scratch,
-    ):
+    with telling_what_is_left(lambda: left_behind(bag, file.pusher is not None)), scratch_folder() as scratch:
         if simulated or simulated_camera:
-            file = graph.rendered(file, scratch, lambda sentence: console.print(sentence, markup=False), simulated_camera)
+            file = graph.rendered(file, str(scratch), lambda sentence: console.print(sentence, markup=False), simulated_camera)
         if simulated:
             specs = graph.simulated_cell(file, str(bag), SimulatedRunConfig.seed, SimulatedRunConfig.speed, start)
         elif simulated_camera:
