@@ -1,5 +1,6 @@
 """Finds the pose of an object of any colour by fitting the borders of the ArUco or AprilTag markers on it."""
 
+import functools
 import math
 import pathlib
 from typing import Annotated, Any
@@ -104,7 +105,7 @@ class FiducialTracker:
             marker.id: transform(Pose(*marker.center, math.radians(marker.angle_deg)), marker.size * _UPRIGHT)
             for marker in fiducials.markers
         }
-        self._edge_fits: dict[tuple[int, ...], EdgeFit] = {}
+        self._edge_fit_of = functools.cache(self._edge_fit)
 
     def track(self, image: Image, expected: Pose | None = None) -> Sighting:
         """The object's pose in one frame.
@@ -122,9 +123,7 @@ class FiducialTracker:
         edges = self._camera.project(transform(pose, self._outline), self._height)
         if (edges < 0).any() or (edges > (self._camera.width - 1, self._camera.height - 1)).any():
             raise NotSeen("partial view")
-        if ids not in self._edge_fits:
-            self._edge_fits[ids] = self._edge_fit(ids)
-        sighting = self._edge_fits[ids].refined(image, pose, MIN_CONTRAST)
+        sighting = self._edge_fit_of(ids).refined(image, pose, MIN_CONTRAST)
         if sighting is None:
             raise NotSeen("markers do not fit")
         return sighting._replace(visible_fraction=sighting.visible_fraction * len(ids) / len(self._corners))
