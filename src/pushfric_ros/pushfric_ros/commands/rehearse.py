@@ -11,7 +11,7 @@ from rich.table import Table
 
 from pushfric_core.commands.application import STDOUT, Application, in_range
 from pushfric_core.commands.cell_options import FASTEST_STROKE, LONGEST_STROKE
-from pushfric_core.commands.console import console, warn
+from pushfric_core.commands.console import say, warn
 from pushfric_core.commands.options import JsonOption
 from pushfric_core.commands.result import answer
 from pushfric_core.commands.settings_options import option
@@ -94,12 +94,10 @@ def rehearsal(
     outcomes: list[Outcome] = []
     with kind(Rehearsed(chosen, driver, stroke, speed), warn) as stage:
         stage.open()
-        console.print(
-            f"strokes of {1e3 * stage.reach:.1f} mm at {1e3 * speed:g} mm/s; Ctrl-C stops the pusher", highlight=False
-        )
+        say(f"strokes of {1e3 * stage.reach:.1f} mm at {1e3 * speed:g} mm/s; Ctrl-C stops the pusher")
         for fault in _faults(kind, kills, damage, seed):
             outcomes.append(outcome := tried(fault, stage.set_up))
-            console.print(line(outcome), highlight=False, markup=False)
+            say(line(outcome))
         changed = stage.bring_back()
     for what in changed:
         warn(f"not as it was: {what}")
