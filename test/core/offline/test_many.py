@@ -161,9 +161,8 @@ def test_an_input_of_the_same_name_and_an_object_that_changes_are_told_apart(tmp
 def test_what_the_disk_refused_is_tried_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write_pushes(tmp_path / "data.csv", 1)
-    models = tmp_path / "out/models"
-    models.mkdir(parents=True)
     model = tmp_path / "out" / model_of(tmp_path / "data.csv")
+    model.parent.mkdir(parents=True)
     model.with_name(f".{model.name}.{os.getpid()}").symlink_to("/dev/full")  # the draft of the model
     arguments = ("estimate", "data.csv", "--object", NAME, "--out", "out", "--jobs", 1)
     assert "No space left on device" in " ".join(invoked(*arguments).stderr.split())

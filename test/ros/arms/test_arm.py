@@ -17,16 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from pushfric_core.geometry.planar import Pose, inverse, transform
 from pushfric_core.pushers.clock import suspended
-from pushfric_core.pushers.pusher import (
-    Grade,
-    LeftTheWay,
-    Mode,
-    NotConnected,
-    NotReady,
-    PusherConfig,
-    Suspended,
-    Timeout,
-)
+from pushfric_core.pushers.pusher import Grade, LeftTheWay, Mode, NotConnected, NotReady, PusherConfig, Suspended, Timeout
 from pushfric_ros.arms import arm as arms
 from pushfric_ros.arms.trajectory import JointTrajectoryConfig
 from pushfric_ros.arms.twist import TwistConfig

@@ -84,8 +84,8 @@ def test_joints_are_not_moved_from_where_nobody_knows_that_they_are(ros):
     """Their positions came too long ago, or are none."""
     topics = {"command": "/gantry/commands", "joint_states": "/gantry/joints", "description": "/gantry/urdf"}
     config = JointTrajectoryConfig(frame="tip", reference="base", silence=2.0, **topics)
-    gantry, sent = ros.node("gantry"), []
-    gantry.create_subscription(JointTrajectory, config.command, sent.append, RELIABLE)
+    gantry = ros.node("gantry")
+    sent = ros.heard(gantry, JointTrajectory, config.command, RELIABLE)
     gantry.create_publisher(String, config.description, LATCHED).publish(String(data=SLIDE.format(**RAIL)))
     joints = gantry.create_publisher(JointState, config.joint_states, RELIABLE)
 

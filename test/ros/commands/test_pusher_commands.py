@@ -60,7 +60,7 @@ def test_without_a_cell_a_person_is_told_so(monkeypatch):
 
 def test_keys_reach_a_process_that_was_stopped_and_went_on(monkeypatch):
     ours, theirs = pty.openpty()
-    with os.fdopen(ours, "w") as keyboard, os.fdopen(theirs) as terminal, monkeypatch.context() as patch:
+    with os.fdopen(ours, "wb", 0) as keyboard, os.fdopen(theirs) as terminal, monkeypatch.context() as patch:
         patch.setattr(sys, "stdin", terminal)
         line_by_line = termios.tcgetattr(terminal)
         with Keys() as keys:
@@ -68,8 +68,7 @@ def test_keys_reach_a_process_that_was_stopped_and_went_on(monkeypatch):
                 if before is None:
                     termios.tcsetattr(terminal, termios.TCSANOW, line_by_line)  # as a shell does
                     assert keys.pressed() == ""
-                keyboard.write(" ")
-                keyboard.flush()
+                keyboard.write(b" ")
                 assert select.select([terminal], [], [], 10)[0]
                 assert keys.pressed() == " "
         assert termios.tcgetattr(terminal) == line_by_line
@@ -78,8 +77,7 @@ def test_keys_reach_a_process_that_was_stopped_and_went_on(monkeypatch):
 def test_a_jog_that_is_interrupted_ends(ros):
     with SimulatedGrbl(time.monotonic) as controller:
         ros.compose(made(ActuatorNode, "/person_cell", port=controller.port, **STAGE | {"owner_timeout": 60.0}))
-        state, peer = [], ros.node("peer", namespace="/person_cell")
-        peer.create_subscription(PusherState, "pusher_state", state.append, RELIABLE)
+        state = ros.heard(ros.node("peer", namespace="/person_cell"), PusherState, "pusher_state", RELIABLE)
         ros.wait_for(lambda: state and state[-1].mode == PusherState.MODE_IDLE, what="the pusher")
         with subprocess.Popen([*PROGRAM, "jog", "0.05", "--speed", "0.001", "--namespace", "/person_cell"]) as jog:
             ros.wait_for(lambda: state[-1].position > 1e-4, what="the jog")

@@ -15,13 +15,7 @@ from pushfric_core.belief.mistakes import LINEAR
 from pushfric_core.estimation.estimate_report import EstimateReport
 from pushfric_core.estimation.verdict import Verdict
 from pushfric_core.wording import Reason
-from pushfric_msgs.msg import (
-    ContactFriction,
-    FrictionEstimate,
-    ObjectChange,
-    PlanProgress,
-    PusherState,
-)
+from pushfric_msgs.msg import ContactFriction, FrictionEstimate, ObjectChange, PlanProgress, PusherState
 from pushfric_ros.messages import conversions, types
 
 CORE = pathlib.Path(__file__).parents[3] / "src/pushfric_core/pushfric_core"

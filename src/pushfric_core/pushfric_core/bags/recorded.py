@@ -14,7 +14,7 @@ from pushfric_core.bags.rosbag2_metadata import METADATA, NO_BAG
 from pushfric_core.bags.run_record import TYPES, PlanRecord, RunRecord, content
 from pushfric_core.bags.samples import INPUTS
 from pushfric_core.belief.symptoms import tip_stays_away
-from pushfric_core.errors import InvalidInput, UninformativePush, blaming, extra
+from pushfric_core.errors import InvalidInput, UninformativePush, extra
 from pushfric_core.estimation.estimator import FORCE_TERMS, Estimator, Warn
 from pushfric_core.files.csv_files import read_observations
 from pushfric_core.files.estimator_settings import TOPIC as SETTINGS_TOPIC
@@ -118,10 +118,9 @@ class Recorded:
         settings = None
         for one in bag.messages([topic]):
             try:
-                with blaming(f"{self.path}: {topic} is not understood"):
-                    settings = EstimatorSettings.from_text(content(bag, one, lambda message: str(message.data)))
-            except InvalidInput as error:
-                self._strange = error
+                settings = EstimatorSettings.from_text(content(bag, one, lambda message: str(message.data)))
+            except ValueError as error:
+                self._strange = InvalidInput(f"{self.path}: {topic} is not understood: {error}")
         if settings is None and self._strange is not None:
             raise self._strange
         return settings

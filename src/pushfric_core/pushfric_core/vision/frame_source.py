@@ -50,7 +50,7 @@ class Device(threading.Thread):
         self.dropped = 0
         self.names: list[str] = []  # of the pictures read so far, in the order of the frames,
         self.unread: list[str] = []  # and of the files that are no pictures
-        self._capture: cv2.VideoCapture | None = None  # of a camera or a video
+        self._capture = cv2.VideoCapture()  # of a camera or a video
         self._read, self._period = self._open()
 
     @property
@@ -68,11 +68,7 @@ class Device(threading.Thread):
         """End the thread and let go of the device."""
         self._closing.set()
         self.join()
-        self._release()
-
-    def _release(self) -> None:
-        if self._capture is not None:
-            self._capture.release()
+        self._capture.release()
 
     def run(self) -> None:
         while not self._closing.wait(self._period):
@@ -124,7 +120,7 @@ class Device(threading.Thread):
     def _reopen(self) -> None:
         """Wait until a camera that went away can be opened again."""
         while not self._closing.wait(REOPEN_PERIOD):
-            self._release()  # a device that is still held could not be opened, or come back under its name
+            self._capture.release()  # a device that is still held could not be opened, or come back under its name
             try:
                 self._read, self._period = self._open()
             except InvalidInput:

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -46,14 +47,17 @@ class Person(contextlib.AbstractContextManager["Person"]):
         make = partial(Node, f"person_{os.getpid()}", namespace=namespace, **SERVING_NOTHING)
         self._visit = Visit(make, enclave(namespace, COMMAND_LINE))
         self._node = self._visit.node
-        self._states: list[PusherState] = []
+        self._states = deque[PusherState](maxlen=1)
         self._health: dict[str, DiagnosticStatus] = {}  # of each node
-        self._node.create_subscription(PusherState, "pusher_state", self._take, RELIABLE)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._take_health, RELIABLE)
+        self._node.create_subscription(PusherState, "pusher_state", self._states.append, RELIABLE)
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._note, RELIABLE)
         self._actuator = f"{self._node.get_namespace().rstrip('/')}/actuator"
 
     def __exit__(self, *_: object) -> None:
         self._visit.close()
+
+    def _note(self, report: DiagnosticArray) -> None:
+        self._health |= {status.name: status for status in report.status}
 
     @contextlib.contextmanager
     def hearing(self, kind: type, topic: str, qos: Any, take: Callable[[Any], None]) -> Iterator[None]:
@@ -67,12 +71,6 @@ class Person(contextlib.AbstractContextManager["Person"]):
     def spin(self, seconds: float) -> None:
         """Wait this long [s], and take the messages that come."""
         self._visit.spin_once(seconds)
-
-    def _take(self, state: PusherState) -> None:
-        self._states = [state]
-
-    def _take_health(self, report: DiagnosticArray) -> None:
-        self._health |= {status.name: status for status in report.status}
 
     def say_stop(self, seconds: float | None = None) -> None:
         """Publish a stop on the topic, which also reaches nodes that serve no service, once somebody listens.
