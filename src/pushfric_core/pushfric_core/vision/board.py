@@ -27,7 +27,6 @@ STILL_PX = 1.0
 """From one frame to the next, the corners of a board at rest move at most this far on average."""
 
 UNSEEN_BOARD, LIKE_ANOTHER = "the board is not found", "the board lies as in a picture before it"
-NO_PICTURE = "the file is no picture"
 """Why a picture is left out of a calibration."""
 
 Calibration = TypeVar("Calibration")
@@ -171,7 +170,7 @@ def calibration_from(
                     missing = f"; {error}"
             progress(f"{noun} {len(kept)}: {len(view.ids)} corners{missing}")
     if source.unread:
-        left_out[NO_PICTURE], frames = [*source.unread], frames + len(source.unread)
+        left_out["the file is no picture"], frames = [*source.unread], frames + len(source.unread)
     for why, names in left_out.items():
         progress(f"{len(names)} of {counted(frames, 'picture')} left out, {why}: {', '.join(names)}")
     if not kept and moving:

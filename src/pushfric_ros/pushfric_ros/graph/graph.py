@@ -279,9 +279,8 @@ def replay(
     playing = {"bag": bag, "partial": partial, "rate": rate, "topics": [*topics, *shown], "wait_for": topics, "paused": paused}
     player = NodeSpec("player", playing, ends_run=True)
     prior = beside(pathlib.Path(bag), PRIOR_FILE)  # the model that the recorded run went on from
-    begin = {"object": object_name, "source": source.kind, "model": str(prior or "")}
-    live = NodeSpec("estimator", begin | settings.parameters())
-    return with_own_clock([live.given(use_sim_time=True), player], source.namespace)
+    given = {"object": object_name, "source": source.kind, "model": str(prior or ""), **settings.parameters()}
+    return with_own_clock([NodeSpec("estimator", given).given(use_sim_time=True), player], source.namespace)
 
 
 def unattended(specs: Sequence[NodeSpec]) -> list[NodeSpec]:
