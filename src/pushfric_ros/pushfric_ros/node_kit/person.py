@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -47,9 +46,9 @@ class Person(contextlib.AbstractContextManager["Person"]):
         make = partial(Node, f"person_{os.getpid()}", namespace=namespace, **SERVING_NOTHING)
         self._visit = Visit(make, enclave(namespace, COMMAND_LINE))
         self._node = self._visit.node
-        self._states = deque[PusherState](maxlen=1)
+        self._state: PusherState | None = None
         self._health: dict[str, DiagnosticStatus] = {}  # of each node
-        self._node.create_subscription(PusherState, "pusher_state", self._states.append, RELIABLE)
+        self._node.create_subscription(PusherState, "pusher_state", partial(setattr, self, "_state"), RELIABLE)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._note, RELIABLE)
         self._actuator = f"{self._node.get_namespace().rstrip('/')}/actuator"
 
@@ -123,9 +122,10 @@ class Person(contextlib.AbstractContextManager["Person"]):
             NoAnswer: no state comes.
         """
         if new:
-            self._states.clear()
-        self._wait(lambda: self._states, f"no pusher_state comes; {who_runs()}")
-        return self._states[-1]
+            self._state = None
+        self._wait(lambda: self._state, f"no pusher_state comes; {who_runs()}")
+        assert self._state is not None
+        return self._state
 
     def health(self) -> dict[str, str]:
         """The actuator's diagnostics.
