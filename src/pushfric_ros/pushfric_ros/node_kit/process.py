@@ -5,6 +5,7 @@ import contextlib
 import faulthandler
 import gc
 import inspect
+import itertools
 import math
 import os
 import signal
@@ -152,12 +153,14 @@ def run_node(make: Callable[[], Node], winds_up: bool = False, images: bool = Fa
 
 
 def _full_name(make: Callable[[], Node]) -> str:
-    """The full name that the process's arguments give the node; asked of a node without topics, before the real one has any."""
-    module = make.__module__.rpartition(".")[2].strip("_")
-    probe = Node(module, start_parameter_services=False, enable_rosout=False)
-    name: str = probe.get_fully_qualified_name()
-    probe.destroy_node()
-    return name
+    """The full name that the process's arguments give the node.
+
+    A node that is made to be asked for it would leave the graph again, which may hang (LAST_RESORT).
+    """
+    rules = [rule.partition(":=") for flag, rule in itertools.pairwise(sys.argv) if flag in ("-r", "--remap")]
+    given = {name: to for name, _, to in reversed(rules)}  # the first one counts
+    name = given.get("__node", make.__module__.rpartition(".")[2].strip("_"))
+    return "/".join(("", *filter(None, given.get("__ns", "").split("/")), name))
 
 
 def _leave(code: int) -> NoReturn:
