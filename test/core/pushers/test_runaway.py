@@ -134,7 +134,7 @@ def test_the_speed_in_mid_stroke_is_that_of_one_long_line(stage):
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [(b".", b""), (b"X1", b"X91"), (b"X1", b"X-1"), (b"G21", b"G20")],
+    [(b".", b""), (b"X", b"X9"), (b"X", b"X-"), (b"G21", b"G20")],
     ids=["point", "digit", "sign", "inch"],
 )
 def test_a_line_that_was_damaged_on_its_way_never_leads_the_pusher_off_it(stage, old, new):
@@ -183,7 +183,7 @@ def test_any_jog_is_stopped_at_once(stage, what):
         if what == "a damaged line":
             heard: list[float] = []
             stage.line.heard = lambda data: heard.append(time.monotonic())
-            stage.line.to_controller = once(b"X1", b"X9")
+            stage.line.to_controller = once(b"X", b"X9")
             stage.fails(pusher, PusherError)
             assert stage.rest() < 0.032 + DEAD_MAN + LATE + SPEED * (noticing(heard) - USUAL)
             return
