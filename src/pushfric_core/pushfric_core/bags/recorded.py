@@ -95,7 +95,6 @@ class Recorded:
         check_source(path)
         self.path, self._namespace = path, namespace
         self.on_observation: Callable[[Observation], None] = lambda observation: None
-        self._strange: InvalidInput | None = None  # why settings in the bag do not count
         self._bag = bag if bag is not None or path.suffix == ".csv" else _opened(path)
 
     @property
@@ -105,25 +104,26 @@ class Recorded:
         Raises:
             InvalidInput: the settings in the bag cannot be read, or it holds several cells.
         """
-        return self._own_settings or EstimatorSettings()
+        return self._own_settings[0] or EstimatorSettings()
 
     @functools.cached_property
-    def _own_settings(self) -> EstimatorSettings | None:
+    def _own_settings(self) -> tuple[EstimatorSettings | None, InvalidInput | None]:
+        """The last settings in the bag that are understood, and why others are not."""
         bag = self._bag
         topic = "" if bag is None else f"{self._cell(bag)}/{SETTINGS_TOPIC}"
         type_name = None if bag is None else _recorded_types(bag).get(topic)
         if bag is None or type_name is None:
-            return None
+            return None, None
         _check_type(bag, topic, type_name)
-        settings = None
+        settings = strange = None
         for one in bag.messages([topic]):
             try:
                 settings = EstimatorSettings.from_text(content(bag, one, lambda message: str(message.data)))
             except ValueError as error:
-                self._strange = InvalidInput(f"{self.path}: {topic} is not understood: {error}")
-        if settings is None and self._strange is not None:
-            raise self._strange
-        return settings
+                strange = InvalidInput(f"{self.path}: {topic} is not understood: {error}")
+        if settings is None and strange is not None:
+            raise strange
+        return settings, strange
 
     def source(self, with_forces: bool) -> ObservationSource:
         """The source of a bag's observations: poses if there are any, so that they are made as in a live run.
@@ -149,9 +149,9 @@ class Recorded:
             f"{bag.path}: no observations{where}; expected the topics {' and '.join(poses)}, or {OBSERVATION_TOPICS[0]}"
         )
 
-    def holds(self, topic: str) -> bool:
-        """Whether this is a bag with that topic."""
-        return self._bag is not None and any(one.name == topic for one in self._bag.summary.topics)
+    def holding(self, topic: str) -> list[str]:
+        """That topic, if this is a bag that has it."""
+        return [] if self._bag is None else [one.name for one in self._bag.summary.topics if one.name == topic]
 
     def messages(self, types: Mapping[str, str]) -> Iterator[tuple[str, Any]]:
         """The messages of other topics of the cell, each with its topic's name: those of these types that can be read."""
@@ -221,7 +221,7 @@ class Recorded:
     ) -> tuple[list[Observation], Ledger, PlanRecord]:
         """The observations of a bag, those that its run went on from first, and what became of its messages."""
         ledger, record, before = Ledger(), RunRecord(bag, source.namespace), beside(self.path, PRIOR_FILE)
-        own, outline = self._own_settings, Outline.rectangle(0.1, 0.1) if model is None else model.outline
+        (own, strange), outline = self._own_settings, Outline.rectangle(0.1, 0.1) if model is None else model.outline
         earlier = [] if model is None or before is None else prior(before, model)
         found: list[Observation] = []
         for observation in _made(bag, source, outline, settings.trajectory, ledger, record, warn):
@@ -230,8 +230,8 @@ class Recorded:
             found.append(observation)
         _enter_unread(bag, source, ledger)
         ledger.doubt_refused()
-        if self._strange is not None:
-            ledger.doubt(DoubtCode.NOT_UNDERSTOOD, f"a message is left out: {self._strange}")
+        if strange is not None:
+            ledger.doubt(DoubtCode.NOT_UNDERSTOOD, f"a message is left out: {strange}")
         for text in bag.lost:
             ledger.doubt(DoubtCode.LOST_BEFORE, f"was recovered; before that, {text}")
         if model is None:

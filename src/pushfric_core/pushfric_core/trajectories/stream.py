@@ -31,8 +31,8 @@ CONFIRMED = 3
 """Samples in order that confirm a leap of the stamps. An observation needs as many frames after a pause anyway."""
 
 DISORDER = 1_000_000_000
-"""To who follows the newest sample, one that is late by up to this [ns] was overtaken; a longer step back means that the clock
-was reset."""
+"""Where only the newest sample counts, one that is late by up to this [ns] was overtaken; a longer step back means that the
+clock was reset."""
 
 LEAP = 3
 """A step longer than this multiple of the usual one is a leap."""

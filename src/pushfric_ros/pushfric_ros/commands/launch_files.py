@@ -48,8 +48,7 @@ def _replay(values: Mapping[str, str], _: pathlib.Path) -> tuple[str, Sequence[N
     settings = recorded.settings
     source = recorded.source(settings.with_forces)
     object_name = object_of(bag, values["object"], warn)[1]
-    images = f"{source.namespace}/{KEYFRAMES}"
-    shown = [images] if values["view"] and recorded.holds(images) else []
+    shown = recorded.holding(f"{source.namespace}/{KEYFRAMES}") if values["view"] else []
     specs = graph.replay(str(bag), object_name, source, float(values["rate"]), settings, shown=shown)
     return source.namespace, _with_parts(specs, object_name, values, ViewConfig(), PlannerConfig())
 

@@ -44,8 +44,8 @@ def replay(
     reading = recorded.read(model, settings, warn, partial)
     data, doubts = reading.observations, "; ".join(one.text for one in reading.ledger.doubts)
     source = recorded.source(settings.with_forces)
-    shown, images = view_to_serve(view, ViewConfig()), f"{source.namespace}/{KEYFRAMES}"
-    played = [images] if shown is not None and recorded.holds(images) else []
+    shown = view_to_serve(view, ViewConfig())
+    played = recorded.holding(f"{source.namespace}/{KEYFRAMES}") if shown is not None else []
     specs = graph.replay(str(bag), object_file, source, rate, settings, paused=True, partial=partial, shown=played)
     specs = graph.with_parts(specs, object_file, shown, PlannerConfig() if planner else None)
     live = console.is_terminal and not headless
