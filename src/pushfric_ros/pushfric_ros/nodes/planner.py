@@ -73,9 +73,6 @@ class Known:
 NUMBERS = 2 * BLOCK
 """Support points times samples times pushes in a slice: some 10 ms of work."""
 
-Slices = Generator[None, None, None]
-"""Work that pauses after each slice."""
-
 LEAST_STEP, LARGEST_STEP = 1e-4, 0.1
 """Limits of the step of a stroke [m]: more steps take too long, and fewer miss the corners of an object."""
 
@@ -102,7 +99,7 @@ class Answers:
             if request.with_samples:
                 add(response, sample_twists=found.samples.twists)
 
-        yield from self._in_slices(request, model, outline, take)
+        yield from _in_slices(self._pushes(request), model, outline, take)
         if request.with_samples:
             response.weights = model.share
         return response
@@ -126,19 +123,17 @@ class Answers:
     def motion_cone(self, request: MotionCone.Request) -> Generator[None, None, MotionCone.Response]:
         model, outline = self._asked()
         response = MotionCone.Response(success=True, basis=self._known.basis)
-        yield from self._in_slices(request, model, outline, lambda *at: add(response, **motion_cone(model, *at)._asdict()))
+        pushes = self._pushes(request)
+        yield from _in_slices(pushes, model, outline, lambda *at: add(response, **motion_cone(model, *at)._asdict()))
         return response
 
     def stable_pushes(self, request: StablePushes.Request) -> Generator[None, None, StablePushes.Response]:
         model, outline = self._asked()
+        turns = self._pushes(request)
+        for half_width in np.unique(turns[2]).tolist():
+            check_half_width(outline, half_width)
         response = StablePushes.Response(success=True, basis=self._known.basis)
-
-        def take(points: np.ndarray, normals: np.ndarray, half_widths: np.ndarray, *turns: np.ndarray) -> None:
-            for half_width in np.unique(half_widths).tolist():
-                check_half_width(outline, half_width)
-            add(response, **stability(model, points, normals, half_widths, *turns)._asdict())
-
-        yield from self._in_slices(request, model, outline, take)
+        yield from _in_slices(turns, model, outline, lambda *some: add(response, **stability(model, *some)._asdict()))
         return response
 
     def limit_surface(self, _: GetLimitSurface.Request) -> Generator[None, None, GetLimitSurface.Response]:
@@ -153,21 +148,27 @@ class Answers:
             raise ValueError(self._known.why_not)
         return (model.mean if mean_only else model), outline
 
-    def _in_slices(self, request: Any, model: FrictionModel, outline: Outline, take: Callable[..., None]) -> Slices:
-        """Have the pushes of a request taken, a slice at a time: their points, their normals, and what else it has of them."""
+    def _pushes(self, request: Any) -> list[np.ndarray]:
+        """The points of a request's pushes, their normals, and what else it has of them."""
         self._check_number("contact_points", len(request.contact_points) // 2, "most_pushes")
-        arrays = arrays_from_msg(request)
-        for rows in _slices(len(arrays[0]), model):
-            if rows.start:
-                yield
-            points, normals, *rest = (array[rows] for array in arrays)
-            check_planned_contacts(outline, points, normals, rows.start)
-            take(points, normals, *rest)
+        return arrays_from_msg(request)
 
     def _check_number(self, name: str, number: int, setting: str) -> None:
         most = getattr(self._config, setting)
         if number > most:
             raise ValueError(f"{name} must be at most {most} in one request (the planner's {setting}), got {number}")
+
+
+def _in_slices(
+    arrays: list[np.ndarray], model: FrictionModel, outline: Outline, take: Callable[..., None]
+) -> Generator[None, None, None]:
+    """Have pushes taken, a slice at a time, with a pause after each: their points, their normals, and what else they have."""
+    for rows in _slices(len(arrays[0]), model):
+        if rows.start:
+            yield
+        points, normals, *rest = (array[rows] for array in arrays)
+        check_planned_contacts(outline, points, normals, rows.start)
+        take(points, normals, *rest)
 
 
 def _slices(count: int, model: FrictionModel) -> Iterator[slice]:
