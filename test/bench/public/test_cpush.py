@@ -71,6 +71,7 @@ def test_one_bad_run_stops_none_of_the_others(tmp_path):
     ("name", "content", "error"),
     [
         ("StraightLinePertubation.json", None, "was poked by hand in this run"),
+        ("run.json", b"[", "run.json: not a run of cpush"),
         ("run.json", b"{}", "not a run of cpush: KeyError: .*timeJSON"),
         ("run.json", public_sets.run_file(300), "the tip goes less than 20 mm"),
         (

@@ -48,6 +48,11 @@ def test_good_input_may_be_used():
             "forces_scattered",
             "the measured forces do not turn with the object",
         ),
+        (
+            lambda _, o: replace(o, twist=Twist(o.twist.vx, o.twist.vy, math.degrees(o.twist.omega)), force=None),
+            "omega_in_degrees",
+            "radians",
+        ),
     ],
 )
 def test_each_mistake_has_a_code_and_a_sentence(change, code, text):

@@ -78,9 +78,9 @@ def test_a_bag_without_settings_was_recorded_with_the_defaults(tmp_path):
 
 
 def test_unknown_settings_are_left_out_and_refused_where_there_are_no_others(tmp_path):
-    strange, why = '{"colour": 1}', r": /cell/estimator_settings is not understood: expected any of terms, .*, got colour$"
+    strange, why = '{"colour": 1}', r"bag: /cell/estimator_settings is not understood: expected any of terms, .*, got colour$"
     recorded = Recorded(bag_of(tmp_path / "bag", strange, UNUSUAL.to_text()))
     assert recorded.settings == UNUSUAL
     assert any(re.search(f"a message is left out: .*{why}", doubt.text) for doubt in recorded.ledger().doubts)
     with pytest.raises(InvalidInput, match=why):
-        _ = Recorded(bag_of(tmp_path / "other", strange, strange)).settings
+        _ = Recorded(bag_of(tmp_path / "other_bag", strange, strange)).settings

@@ -70,6 +70,7 @@ def test_a_new_file_is_written_when_there_is_an_object(tmp_path):
     [
         (drawing([OUTLINE[0], OUTLINE[2], OUTLINE[1], OUTLINE[3]]), "the outline must be a simple polygon with an area: Self-"),
         (drawing(OUTLINE[:2]), "outline: expected a list of at least 3, got "),
+        (drawing([]), "outline: expected a list of at least 3, got "),
         (drawing(points=[]), "support.points: expected a list of at least 1, got "),
         (drawing(points=[[0.5, 0.0]]), "support points must lie within 0.12 m of the outline, got (0.5, 0) m"),
         (drawing(grid=[0, 3]), "a grid needs at least 1 column and 1 row, got 0 x 3"),
