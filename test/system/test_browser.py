@@ -657,9 +657,7 @@ def test_a_click_stops_a_push(browser, url, ros):
 def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url, ros):
     """Its connection was cut before the push, and another button has the focus."""
     states = ros.heard(ros.node("onlooker", namespace=graph.NAMESPACE), PusherState, "pusher_state", RELIABLE)
-    context = browser.new_context()
-    page = context.new_page()
-    sockets = []
+    page, sockets = browser.new_page(), []
     page.route_web_socket("**/live*", lambda socket: sockets.append((socket, len(sockets) == 0 and socket.connect_to_server())))
     page.goto(url)
     expect(page.locator("#stop")).to_be_enabled()
@@ -674,7 +672,12 @@ def test_the_space_bar_stops_a_push_that_the_page_has_lost_sight_of(browser, url
     page.keyboard.press("Space")
     ros.wait_for(lambda: states[-1].mode == PusherState.MODE_HOLD and states[-1].speed == 0, PATIENCE, "rest")
     expect(page.locator("#answer")).to_contain_text("nothing moves until")
-    context.close()
+    # all that a view knows which has just begun again
+    page.route_web_socket("**/live*", lambda socket: socket.send('{"all": {"fault": "none"}}'))
+    page.reload()
+    expect(page.locator("#connection")).to_have_text("")
+    expect(page.locator("#stop")).to_be_enabled()
+    page.close()
     with visit(browser, url) as other:
         other.locator("#reset").click()
         expect(other.locator("#answer")).to_contain_text("Released")

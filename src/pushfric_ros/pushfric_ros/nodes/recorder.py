@@ -107,11 +107,10 @@ class RecorderNode(Node):
         topic_name(self, "topics", topic.name)  # refuses what is none
         return topic._replace(name=self.resolve_topic_name(topic.name))
 
-    def _record(
-        self, name: str, type_name: str, found: Sequence[QoSProfile], wanted: QoSProfile, hash_text: str | None = None
-    ) -> None:
+    def _record(self, name: str, type_name: str, found: Sequence[QoSProfile], wanted: QoSProfile, told: Any = None) -> None:
         offers = [offered(profile) for profile in found]
-        self._bag.add_topic(name, type_name, offers, hash_text or type_hash(type_name), definition(type_name))
+        hash_text = type_hash(type_name) if told is None else f"{told}".replace("INVALID", "")  # of ROS 2 Humble there is none
+        self._bag.add_topic(name, type_name, offers, hash_text, definition(type_name))
         deep = deepened(wanted, QUEUE_DEPTH)
         kind, record = message_class(type_name), partial(self._on_message, name)
         self._receptions[name] = Reception(self, kind, name, record, deep, raw=True)
@@ -141,12 +140,11 @@ class RecorderNode(Node):
         for name, type_names in self.get_topic_names_and_types():
             if name in self._bag.topics or name in self._refused or "/_" in name:
                 continue
-            publishers = self.get_publishers_info_by_topic(name)
-            if not publishers:
+            if not (publishers := self.get_publishers_info_by_topic(name)):
                 continue
             found = [publisher.qos_profile for publisher in publishers]
             try:
-                self._record(name, type_names[0], found, _met_by_all(found), str(publishers[0].topic_type_hash))
+                self._record(name, type_names[0], found, _met_by_all(found), publishers[0].topic_type_hash)
             except InvalidInput as error:
                 self._refused.add(name)
                 self.get_logger().error(f"{name} is not recorded: {error}")

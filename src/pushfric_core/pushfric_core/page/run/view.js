@@ -190,7 +190,7 @@ function drawHeader() {
   write("connection", said[connection]);
   at("connection").className = connection === "lost" || (live && quiet) ? "lost" : "";
   document.title = story.object ? `${story.object.name} – pushfric` : "pushfric";
-  const pushes = live && known(story["node/actuator"]);
+  const pushes = live && (known(story["node/actuator"]) || known(story.fault)); // a view that starts again hears the fault at once
   at("stop").disabled = live && !pushes; // never for want of a connection: a request may still arrive
   at("reset").disabled = !(pushes && ["hold", "alarm"].includes(story.pusher?.mode));
   const phase = live ? story.plan?.phase : undefined;
