@@ -1,10 +1,11 @@
 """The command line, called in this process or in one of its own, and waiting for what must happen."""
 
+import contextlib
 import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from click.testing import Result
@@ -39,6 +40,16 @@ def pushfric(*arguments: object, **options: Any) -> subprocess.CompletedProcess[
         return subprocess.run([*PROGRAM, *map(str, arguments)], check=False, **given)
     except subprocess.TimeoutExpired as error:  # what it said tells why, for example that it waits for a person
         raise AssertionError((error.stderr or b"").decode()) from error
+
+
+@contextlib.contextmanager
+def killed_at_the_end(command: list[Any], **options: Any) -> Iterator[subprocess.Popen]:
+    """A process that does not outlive what needs it."""
+    with subprocess.Popen(command, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def all_was_seen(run: subprocess.CompletedProcess[str]) -> bool:

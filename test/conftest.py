@@ -146,6 +146,16 @@ def mit_pushes() -> pathlib.Path:
     return MIT_PUSHES
 
 
+@pytest.fixture
+def controller(tmp_path) -> Iterator[Any]:
+    """A simulated GRBL controller whose port always appears at tmp_path / "port"."""
+    from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
+
+    with SimulatedGrbl(time.monotonic) as controller:
+        (tmp_path / "port").symlink_to(controller.port)
+        yield controller
+
+
 class Ros:
     """The rclpy nodes of one test, spun by one background thread."""
 

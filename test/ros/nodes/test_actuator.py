@@ -8,13 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from types import SimpleNamespace
 
 import pytest
 from action_msgs.msg import GoalStatus
-from calls import wait_until
+from calls import killed_at_the_end, wait_until
 from composition import made
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
@@ -46,7 +46,6 @@ MISSED = (
     r"( and said that its executor had hung for \d+\.\d\d s)?; {}(; the actuator itself stood still for \d+\.\d\d s)?"
 )
 UNKNOWN = "where the pusher stands is not known: "
-UNHOMED = UNKNOWN + "see that it is free to move, then reset, which homes"
 UNVOUCHED = UNKNOWN + "bring it to its home end, restart the controller, then reset"
 LINE = STAGE | {
     "line_origin": [0.1, -0.2],
@@ -55,14 +54,6 @@ LINE = STAGE | {
     "stroke": 0.08,
     "max_speed": 0.08,
 }
-
-
-@pytest.fixture
-def controller(tmp_path) -> Iterator[SimulatedGrbl]:
-    """A simulated controller whose port always appears at tmp_path / "port"."""
-    with SimulatedGrbl(time.monotonic) as controller:
-        (tmp_path / "port").symlink_to(controller.port)
-        yield controller
 
 
 def unplug(controller: SimulatedGrbl, link) -> None:
@@ -104,8 +95,7 @@ class Cell:
         self._other.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: self.health.extend(msg.status), RELIABLE)
         self._client = ActionClient(self._other, Push, "push")
         self.heartbeat = Heartbeat(self._other)
-        self.faults: list[str] = []
-        self._other.create_subscription(String, "pusher_fault", lambda msg: self.faults.append(msg.data), LATCHED)
+        self.faults = ros.heard(self._other, String, "pusher_fault", LATCHED)
         self._stop = self._other.create_client(Trigger, "actuator/stop")
         self._reset = self._other.create_client(Trigger, "actuator/reset")
         self._change = self._other.create_client(ChangeState, "actuator/change_state")
@@ -180,6 +170,11 @@ class Cell:
         return rest
 
 
+@pytest.fixture
+def cell(ros, controller, tmp_path) -> Cell:
+    return Cell(ros, tmp_path / "port").ready()
+
+
 class SimTime:
     """A clock that goes on in steps of 20 ms, faster than real time or with it."""
 
@@ -216,8 +211,7 @@ def test_a_push_and_its_retraction(ros, controller, tmp_path):
     pushing = [state for state in cell.states if state.push_id == 7]
     assert max(state.speed for state in pushing) == pytest.approx(0.03, rel=0.01)
     assert all(state.speed >= 0 for state in pushing)
-    back = [state.speed for state in cell.states if state.speed < 0]
-    assert min(back) == pytest.approx(-0.05, rel=0.01)
+    assert min(state.speed for state in cell.states if state.speed < 0) == pytest.approx(-0.05, rel=0.01)
     assert all(state.push_id == PusherState.NO_PUSH for state in cell.states if state.speed < 0)
     for state in pushing:
         # the frames of a cell in a namespace begin with it
@@ -318,7 +312,7 @@ def test_a_push_is_stopped_when_what_it_needs_is_gone(ros, controller, tmp_path,
     assert re.fullmatch(message, result.result.message)
     rest = cell.comes_to_rest(controller)
     if fault is not None:
-        ros.wait_for(lambda: cell.faults[-1:] == [fault], what="the fault")
+        ros.wait_for(lambda: cell.faults[-1:] == [String(data=fault)], what="the fault")
     if mode is None:
         return
     cell.wait_for_mode(mode)
@@ -372,8 +366,7 @@ def test_a_goal_beyond_the_limits_or_while_another_runs_is_rejected(ros, tmp_pat
         assert controller.position() == pytest.approx(0.06)
 
 
-def test_a_canceled_push_stops_and_the_next_goes_on_from_there(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port").ready()
+def test_a_canceled_push_stops_and_the_next_goes_on_from_there(ros, controller, cell):
     handle = cell.halfway(controller, retract=True)
     ros.answer(handle.cancel_goal_async, what="the answer to the cancel")
     result = cell.result(handle)
@@ -405,9 +398,8 @@ def test_a_goal_that_is_disabled_as_it_is_accepted_ends_and_the_next_is_taken(ro
     assert cell.result(cell.send(0.01)).result.outcome == Push.Result.OUTCOME_REACHED
 
 
-def test_a_door_that_opens_while_a_canceled_push_brakes_asks_a_person(ros, controller, tmp_path):
+def test_a_door_that_opens_while_a_canceled_push_brakes_asks_a_person(ros, controller, cell):
     """Once, the pusher was ready again as soon as the door was shut, and its driver refused the next push alone."""
-    cell = Cell(ros, tmp_path / "port").ready()
     handle = cell.halfway(controller)
     controller._cancel_jog = controller._open_door
     ros.answer(handle.cancel_goal_async, what="the answer to the cancel")
@@ -416,8 +408,7 @@ def test_a_door_that_opens_while_a_canceled_push_brakes_asks_a_person(ros, contr
     assert cell.states[-1].in_doubt
 
 
-def test_the_retraction_is_not_a_push(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port").ready()
+def test_the_retraction_is_not_a_push(cell, controller):
     cell.result(cell.send(0.04))
     cell.states.clear()
     back = cell.result(cell.send(-0.03, 0.05)).result
@@ -433,11 +424,10 @@ def test_the_retraction_is_not_a_push(ros, controller, tmp_path):
 def test_a_push_whose_client_hangs_is_stopped_whoever_else_is_there(ros, controller, tmp_path):
     cell = Cell(ros, tmp_path / "port", owner_timeout=2.0).ready()
     arguments = ["--ros-args", "-r", f"__ns:={cell.node.get_namespace()}"]
-    client = subprocess.Popen([sys.executable, "-c", PUSH, *arguments], stdout=subprocess.DEVNULL)
-    try:
+    with killed_at_the_end([sys.executable, "-c", PUSH, *arguments], stdout=subprocess.DEVNULL) as client:
         ros.wait_for(lambda: controller.position() > 0.001, what="the motion")
         client.send_signal(signal.SIGSTOP)
-        ros.wait_for(lambda: cell.faults[-1:] == ["owner"], what="the fault")
+        ros.wait_for(lambda: cell.faults[-1:] == [String(data="owner")], what="the fault")
         rest = cell.comes_to_rest(controller)
         cell.wait_for_mode(PusherState.MODE_IDLE)
         assert cell.result(cell.send(0.001)).result.outcome == Push.Result.OUTCOME_REACHED  # a client that lives may push
@@ -446,9 +436,6 @@ def test_a_push_whose_client_hangs_is_stopped_whoever_else_is_there(ros, control
         cell.states.clear()
         ros.wait_for(lambda: len(cell.states) > 10, what="more states")
         assert controller.position() == pytest.approx(rest + 0.001, abs=2e-5)
-    finally:
-        client.kill()
-        client.wait()
 
 
 def test_a_push_whose_client_sends_no_heartbeat_at_all_never_moves(ros, controller, tmp_path):
@@ -474,8 +461,7 @@ def test_a_node_that_a_push_needs_may_have_much_to_do(ros, controller, tmp_path)
     ros.wait_for(lambda: cell.node._needs._life.node("estimator").stalled > 1.0, what="a long callback")
     assert cell.node._push is not None
     estimator.destroy_node()
-    result = cell.result(handle).result
-    assert re.fullmatch(MISSED.format("estimator", "requires_timeout is 0.5 s"), result.message)
+    assert re.fullmatch(MISSED.format("estimator", "requires_timeout is 0.5 s"), cell.result(handle).result.message)
 
 
 def test_a_new_process_knows_what_the_old_one_knew(ros, controller, tmp_path, capfd):
@@ -533,8 +519,7 @@ def test_a_manager_takes_it_through_its_states(ros, controller, tmp_path):
     assert cell.states[-1].position == pytest.approx(0.02)
 
 
-def test_a_transition_that_fails_leaves_the_pusher(ros, controller, tmp_path, monkeypatch, capfd):
-    cell = Cell(ros, tmp_path / "port").ready()
+def test_a_transition_that_fails_leaves_the_pusher(cell, controller, monkeypatch, capfd):
     cell.halfway(controller)
     monkeypatch.setattr(cell.node, "_revoke", lambda why: 1 / 0)
     assert not cell.change(Transition.TRANSITION_DEACTIVATE)
@@ -557,8 +542,7 @@ def test_a_clock_that_jumps_back_disturbs_nothing(ros, controller, tmp_path):
     assert cell.result(cell.send(-0.08)).result.outcome == Push.Result.OUTCOME_REACHED
 
 
-def test_a_limit_during_a_push_stops_everything_until_a_person_resets(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port").ready()
+def test_a_limit_during_a_push_stops_everything_until_a_person_resets(ros, controller, cell):
     handle = cell.halfway(controller)
     assert not cell.reset().success
     controller.hit_limit()
@@ -579,8 +563,7 @@ def test_a_limit_during_a_push_stops_everything_until_a_person_resets(ros, contr
     assert controller.position() == pytest.approx(rest + 0.01, abs=2e-5)
 
 
-def test_a_controller_lost_at_rest_continues_if_it_is_where_it_was(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port").ready()
+def test_a_controller_lost_at_rest_continues_if_it_is_where_it_was(ros, controller, cell, tmp_path):
     cell.result(cell.send(0.03))
     cell.wait_for_mode(IDLE)
     assert (cell.states[-1].in_doubt, cell.states[-1].age) == (False, 0.0)
@@ -593,8 +576,7 @@ def test_a_controller_lost_at_rest_continues_if_it_is_where_it_was(ros, controll
     assert controller.position() == pytest.approx(0.04)
 
 
-def test_after_a_power_cut_during_a_push_nothing_moves_until_a_person_confirms(ros, controller, tmp_path, capfd):
-    cell = Cell(ros, tmp_path / "port").ready()
+def test_after_a_power_cut_during_a_push_nothing_moves_until_a_person_confirms(cell, controller, tmp_path, capfd):
     handle = cell.halfway(controller)
     controller.reset()
     result = cell.result(handle)
@@ -655,21 +637,19 @@ def test_after_a_power_cut_a_pusher_that_homes_must_home_even_if_it_is_unlocked(
         controller.reset()
         controller._system("$X")
         plug_in(controller, tmp_path / "port")
-        cell.refuses(controller, capfd, UNHOMED)
+        cell.refuses(controller, capfd, UNKNOWN + "see that it is free to move, then reset, which homes")
         assert cell.reset().success
         cell.wait_for_mode(PusherState.MODE_IDLE)
         assert controller.position() == pytest.approx(0.0)
         assert cell.states[-1].position == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_node_that_ends_stops_its_pusher(ros, controller, tmp_path):
-    cell = Cell(ros, tmp_path / "port").ready()
+def test_a_node_that_ends_stops_its_pusher(ros, controller, cell):
     cell.halfway(controller)
     executor = cell.node.executor
     executor.remove_node(cell.node)
     ros._nodes.remove(cell.node)
-    ended = executor.create_task(cell.node.destroy_node)
-    ros.wait_for(ended.done, what="the end of the node")
+    ros.wait_for(executor.create_task(cell.node.destroy_node).done, what="the end of the node")
     rest = controller.position()
     assert rest < 0.07
     assert controller.position() == rest
@@ -680,9 +660,10 @@ def test_a_signal_stops_the_pusher_and_its_client_is_told(controller, tmp_path):
     arguments = [argument for key, value in stage.items() for argument in ("-p", f"{key}:={value}")]
     program = "from pushfric_ros.nodes.actuator import main; main()"
     environment = os.environ | {"ROS_DOMAIN_ID": "101"}
-    process = subprocess.Popen([sys.executable, "-c", program, "--ros-args", *arguments], env=environment)
-    client = subprocess.Popen([sys.executable, "-c", PUSH], env=environment, stdout=subprocess.PIPE, text=True)
-    try:
+    with (
+        killed_at_the_end([sys.executable, "-c", program, "--ros-args", *arguments], env=environment) as process,
+        killed_at_the_end([sys.executable, "-c", PUSH], env=environment, stdout=subprocess.PIPE, text=True) as client,
+    ):
         wait_until(lambda: controller.position() > 0.001, "a motion")
         process.send_signal(signal.SIGTERM)
         assert process.wait(10) == 0
@@ -691,10 +672,6 @@ def test_a_signal_stops_the_pusher_and_its_client_is_told(controller, tmp_path):
         assert controller.position() == rest
         said, _ = client.communicate(timeout=120)
         assert said.split() == ["2", "the", "actuator", "was", "told", "to", "end", str(PusherState.MODE_HOLD), "0.0"]
-    finally:
-        for started in (process, client):
-            started.kill()
-            started.wait()
 
 
 PUSH = """
