@@ -19,7 +19,6 @@ from pushfric_core.bags.samples import pose_from_msg
 from pushfric_core.cell.node_settings import PlanConfig
 from pushfric_core.estimation.push_plan import SHARP, PlannedPush, placement
 from pushfric_core.geometry.planar import TABLE
-from pushfric_core.simulated.grbl_firmware import SimulatedGrbl
 from pushfric_core.trajectories.samples import PoseSample
 from pushfric_msgs.action import Push
 from pushfric_msgs.msg import CenterOfFrictionRegion, ContactFriction, EstimatorProgress, Observation, PlanProgress, PusherState
@@ -37,19 +36,10 @@ from pushfric_ros.nodes.experiment.reports import ReportedPusher, SeenObject
 PLAN = "pushes: [{edge: 0}, {edge: 1, offset: 0.01}, {edge: 2, angle_deg: 10}]"
 AWAY = Pose(0.0, 0.3, 0.0)
 ALARM = "it is in alarm: mend what it reports, see that it is free to move, then press Reset"
-DISTANCE = 0.03
-"""Length of a push [m]."""
 GAP = 0.005
 """Gap between the resting tip and the placed object [m]."""
 STILL = 0.15
 """How long the object must lie still [s]; short, so that the tests are quick."""
-
-
-@pytest.fixture
-def controller(tmp_path):
-    with SimulatedGrbl(time.monotonic) as controller:
-        (tmp_path / "port").symlink_to(controller.port)
-        yield controller
 
 
 class Table:
@@ -81,7 +71,7 @@ class Table:
         self._node.create_timer(period, self._show)
         self._estimator = self._node.create_service(SelectPush, "estimator/exclude_push", self._on_exclude)
         (tmp_path / "plan.yaml").write_text(PLAN)
-        given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": DISTANCE, "speed": 0.08,
+        given = {"object": "wood_rect4", "plan": str(tmp_path / "plan.yaml"), "distance": 0.03, "speed": 0.08,
                  "still": STILL, "awaits": ["estimator"]}  # fmt: skip
         time_of = {name: value for name, value in parameters.items() if name == "use_sim_time"}
         if actuator is None:
@@ -144,6 +134,14 @@ class Table:
         self.ros.wait_for(heard, timeout, what=f"the report {text!r}")
         return found[0]
 
+    def places(self, number: int, push: PlannedPush, prompt: str) -> None:
+        """Say that all is settled; the prompt must come, and the placement of this number must be that of this push."""
+        self.settled = time.time_ns()
+        self.wait_for_message(prompt)
+        self.ros.wait_for(lambda: len(self.wanted) == number, what="the placement")
+        wanted = placement(TABLE_1["wood_rect4"].outline, push, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
+        assert self.wanted[-1] == pytest.approx(wanted, abs=1e-3)
+
     def wait_for_end(self) -> PlanProgress:
         last = self.wait_for_message("pushes done")
         assert last.phase == PlanProgress.PHASE_FINISHED
@@ -175,7 +173,7 @@ class Table:
 def pushed(states) -> list[int]:
     """Ids of the pushes that went forward, in order."""
     ids = [state.push_id for state in states if state.push_id != PusherState.NO_PUSH]
-    return [push_id for i, push_id in enumerate(ids) if i == 0 or ids[i - 1] != push_id]
+    return [push_id for push_id, _ in itertools.groupby(ids)]
 
 
 def test_a_plan_is_carried_out(ros, controller, tmp_path):
@@ -190,19 +188,12 @@ def test_a_plan_is_carried_out(ros, controller, tmp_path):
 
 
 def test_each_push_is_chosen_from_the_outcome_of_all_before_it(ros, controller, tmp_path):
-    region = ros.node("region", namespace="/cell").create_publisher(
-        CenterOfFrictionRegion, "center_of_friction_region", LATCHED
-    )
     table = Table(ros, tmp_path, plan="", choose=3)
+    region = table._node.create_publisher(CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
     table.wait_for_message("waiting for: the region of p_CF")
-    choices = [PlannedPush(1, 0.01), PlannedPush(2, -0.02)]
-    for number, choice in enumerate(choices):
+    for number, choice in enumerate((PlannedPush(1, 0.01), PlannedPush(2, -0.02)), 1):
         region.publish(CenterOfFrictionRegion(next_pushes=[Candidate(**choice._asdict()), Candidate(edge=3)]))
-        table.settled = time.time_ns()
-        table.wait_for_message(f"push {number + 1} of 3: place the object at")
-        ros.wait_for(lambda number=number: len(table.wanted) == number + 1, what="the placement")
-        wanted = placement(TABLE_1["wood_rect4"].outline, choice, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
-        assert table.wanted[-1] == pytest.approx(wanted, abs=1e-3)
+        table.places(number, choice, f"push {number} of 3: place the object at")
         # the estimator has not processed the last push yet
         table.wait_for_message("waiting for: the region of p_CF")
     region.publish(CenterOfFrictionRegion(collapsed=True))
@@ -225,11 +216,7 @@ def test_from_the_fourth_on_every_other_chosen_push_is_for_mu_c(ros, controller,
     )
     for number, expected in ((4, slips[0]), (5, shrink), (6, slips[1]), (7, shrink), (8, shrink)):
         region.publish(msg)
-        table.settled = time.time_ns()
-        table.wait_for_message(f"push {number} of 8: place the object at")
-        ros.wait_for(lambda number=number: len(table.wanted) == number - 3, what="the placement")
-        wanted = placement(TABLE_1["wood_rect4"].outline, expected, PushingLine((0.0, 0.0), (0.0, 1.0), 0.003), 0.005)
-        assert table.wanted[-1] == pytest.approx(wanted, abs=1e-3)
+        table.places(number - 3, expected, f"push {number} of 8: place the object at")
         table.wait_for_message("waiting for: the region of p_CF" if number < 8 else "5 of 8 pushes done")
         if number == 7:
             mu_c.publish(ContactFriction(kind=ContactFriction.KIND_SLIP))
@@ -296,8 +283,7 @@ def test_an_emergency_stop_at_rest_is_told_at_once_and_the_run_goes_on_after_it(
 
 def test_few_frames_show_that_the_object_lies_still(ros, controller, tmp_path):
     """No two of them are as far apart as `still` and within it."""
-    table = Table(ros, tmp_path, period=0.7 * STILL)
-    table.wait_for_message("the pusher moves")
+    Table(ros, tmp_path, period=0.7 * STILL).wait_for_message("the pusher moves")
 
 
 def test_a_plan_continues_where_it_was_interrupted(ros, controller, tmp_path):
@@ -386,13 +372,10 @@ class DeafPusher:
         self._state_out = self._node.create_publisher(PusherState, "pusher_state", RELIABLE)
         answer = GoalResponse.ACCEPT if accept else GoalResponse.REJECT
         self._server = ActionServer(
-            self._node, Push, "push", self._execute, goal_callback=lambda _: answer,
+            self._node, Push, "push", pytest.fail, goal_callback=lambda _: answer,
             handle_accepted_callback=lambda goal: None,
         )  # fmt: skip
         self._node.create_timer(0.02, self._report)
-
-    def _execute(self, goal) -> Push.Result:
-        raise AssertionError("never executed")
 
     def _report(self) -> None:
         msg = PusherState(mode=PusherState.MODE_IDLE, push_id=PusherState.NO_PUSH, tip_radius=0.003)
@@ -421,8 +404,7 @@ def test_no_push_is_made_while_another_cell_has_the_same_name(ros, controller, t
 )
 def test_a_push_that_is_refused_or_forgotten_is_counted_and_the_plan_continues(ros, tmp_path, capfd, accept, why):
     DeafPusher(ros, accept)
-    table = Table(ros, tmp_path, actuator="deaf", lost_result=0.3, attended=False, start=2)
-    last = table.wait_for_end()
+    last = Table(ros, tmp_path, actuator="deaf", lost_result=0.3, attended=False, start=2).wait_for_end()
     assert (last.completed, last.aborted) == (0, 2)
     assert len(re.findall(f"aborted: {why}", capfd.readouterr().err)) == 2
 
@@ -525,8 +507,7 @@ def test_a_push_without_observations_counts_as_lost_where_nobody_attends(ros, co
 def test_an_estimator_that_is_behind_is_awaited_after_a_push(ros, controller, tmp_path):
     table = Table(ros, tmp_path, start=3, observed=False)
     table.settled = 0
-    waiting = table.wait_for_message("push 3 of 3: waiting for its observations")
-    assert waiting.phase == PlanProgress.PHASE_PUSHING
+    assert table.wait_for_message("push 3 of 3: waiting for its observations").phase == PlanProgress.PHASE_PUSHING
     table._observation_out.publish(Observation(push_id=2))
     table.settled = (2**31 - 1) * 10**9
     assert table.wait_for_end().completed == 1
@@ -594,10 +575,8 @@ def test_a_standstill_of_the_node_counts_as_silence_of_nobody(monkeypatch):
 
 def test_a_distance_to_go_is_not_told_for_longer_than_it_is_known(monkeypatch):
     """Also where a push goes on without a pose for long, as on a busy machine with a simulated cell."""
-    seen, wanted = (
-        SeenObject(TABLE_1["wood_rect4"].outline, PlanConfig(lost_object=10.0)),
-        Pose(AWAY.x + 0.03, AWAY.y, AWAY.theta),
-    )
+    seen = SeenObject(TABLE_1["wood_rect4"].outline, PlanConfig(lost_object=10.0))
+    wanted = Pose(AWAY.x + 0.03, AWAY.y, AWAY.theta)
     clock = SimpleNamespace(monotonic=lambda: 100.0)
     monkeypatch.setattr(reports, "time", clock)
     seen.report(PoseSample(0, AWAY))
