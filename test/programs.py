@@ -43,6 +43,12 @@ def filled(program, *groups):
     return program
 
 
+def solved_with(program, rows):
+    """The optimum of a program after these rows were added."""
+    program.add(rows)
+    return program.solve()
+
+
 def pushes(rng, n, count, noise=1e-3, half_width=0.0, bearing=3):
     """Observations of an object 0.1 m wide on some of n supports: moment rows and the hard row f.n >= 0 of each; and w."""
     points = rng.uniform(-0.05, 0.05, (n, 2))
@@ -72,8 +78,7 @@ def solved_while_rows_come_and_go(program, rng, rows):
     present = {}
     for number, group in enumerate(np.array_split(np.arange(len(rows.above)), 1 + len(rows.above) // 4)):
         present[number] = ConstraintRows(*(part[group] for part in rows))
-        program.add(present[number])
-        program.solve()
+        solved_with(program, present[number])
         if len(present) > 2 and rng.random() < 0.3:
             gone = int(rng.choice(list(present)))
             program.remove(gone)

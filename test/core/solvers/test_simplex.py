@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from problems import rows_of
-from programs import filled, group, highs, pushes, solved_while_rows_come_and_go
+from programs import filled, group, highs, pushes, solved_while_rows_come_and_go, solved_with
 
 from pushfric_core.geometry.planar import Twist, left_of
 from pushfric_core.program.constraints import (
@@ -90,8 +90,7 @@ def test_a_problem_by_hand():
     # |w0 - w1| + |w0 - 3 w1| with w0 = 1 - w1: 0.5 at w1 = 1/4, 1 at w1 = 1/2
     simplex = filled(Simplex(2), group([1, -1]))
     np.testing.assert_allclose(simplex.solve().w, (0.5, 0.5))
-    simplex.add(group([1, -3]))
-    optimum = simplex.solve()
+    optimum = solved_with(simplex, group([1, -3]))
     np.testing.assert_allclose(optimum.w, (0.75, 0.25))
     assert optimum.objective == pytest.approx(0.5)
     assert optimum.lower_bound == pytest.approx(0.5)
@@ -143,11 +142,10 @@ def test_degenerate_data_agree_with_highs_while_rows_come_and_go(kind, seed, n, 
 @pytest.mark.parametrize("every_time", [True, False])
 def test_an_equality_holds_after_its_twin_is_removed(soft, order, every_time):
     equal = group((1.0, -1.0), np.inf, np.inf)
-    groups = [(equal, equal, group(soft))[kind] for kind in order]
     for gone in (order.index(0), order.index(1)):
         simplex = Simplex(2)
-        for rows in groups:
-            simplex.add(rows)
+        for kind in order:
+            simplex.add((equal, equal, group(soft))[kind])
             if every_time:
                 simplex.solve()
         simplex.solve()
@@ -172,8 +170,7 @@ def test_equalities_that_say_the_same_agree_with_highs_while_rows_come_and_go(se
             present[number] = group(pool[rng.integers(4)] * rng.choice((1.0, -1.0, 2.0)), *sides)
         else:
             present[number] = group(rng.normal(size=(2, n + with_scale)), *rng.choice((0.5, 1.0), 2))
-        simplex.add(present[number])
-        simplex.solve()
+        solved_with(simplex, present[number])
         if len(present) > 1 and rng.random() < 0.4:
             gone = int(rng.choice(list(present)))
             simplex.remove(gone)
@@ -215,10 +212,8 @@ def test_every_constraint_of_the_estimator_agrees_with_highs(seed, n, terms, int
             half_width=0.005 * intervals,
             force=tuple(8.0 * force + 0.3 * rng.normal(size=2)),
         )
-        parts = [rows_of(TERMS[term], observation, points) for term in sorted(terms)]
-        groups.append(stack(parts, n + ("force" in terms)))
-        simplex.add(groups[-1])
-        optimum = simplex.solve()
+        groups.append(stack([rows_of(TERMS[term], observation, points) for term in sorted(terms)], n + ("force" in terms)))
+        optimum = solved_with(simplex, groups[-1])
     rows = stack(groups, n + ("force" in terms))
     best = highs(rows, n)
     if best is None:
@@ -247,8 +242,7 @@ def test_rows_that_almost_contradict_each_other_end_optimal_or_infeasible(seed, 
     rows = ConstraintRows(a, np.ones(m), np.where(tight, np.inf, 1.0))
     simplex = Simplex(n)
     for k in range(0, m, 3):
-        simplex.add(ConstraintRows(*(part[k : k + 3] for part in rows)))
-        optimum = simplex.solve()
+        optimum = solved_with(simplex, ConstraintRows(*(part[k : k + 3] for part in rows)))
         # what remains open is as small as the tolerated violations
         assert optimum.status is not Status.UNCERTIFIED or optimum.gap < HARD_VIOLATION * m
     tolerant = rows._replace(a=a + 10 * HARD_VIOLATION * largest * tight[:, None])
@@ -267,8 +261,7 @@ def test_while_infeasible_w_fits_best_among_those_of_least_violation(seed, n):
     simplex, groups = Simplex(n), []
     for k in range(m):
         groups.append(stack([ConstraintRows(*(part[k : k + 1] for part in rows)) for rows in (hard, soft)], n))
-        simplex.add(groups[-1])
-        optimum = simplex.solve()
+        optimum = solved_with(simplex, groups[-1])
     if optimum.status is not Status.INFEASIBLE:
         assert_optimal(simplex, groups)
         return
@@ -312,8 +305,7 @@ def test_the_scale_turns_newtons_into_weights():
     # two supports that push along x and y; the sensor reads 2 N and 6 N against them: 8 N in total
     simplex = Simplex(2, with_scale=True)
     assert simplex.solve().scale == 0
-    simplex.add(group([[1, 0, -2], [0, 1, -6]]))
-    optimum = simplex.solve()
+    optimum = solved_with(simplex, group([[1, 0, -2], [0, 1, -6]]))
     np.testing.assert_allclose(optimum.w, (0.25, 0.75))
     assert optimum.scale == pytest.approx(1 / 8)
     assert simplex.certificate().scale == optimum.scale
@@ -339,8 +331,7 @@ def test_the_order_of_arrival_does_not_matter(seed, n):
     for order in (range(25), rng.permutation(25), rng.permutation(25)):
         simplex = Simplex(n)
         for k in order:
-            simplex.add(groups[k])
-            simplex.solve()
+            solved_with(simplex, groups[k])
         objectives.append(simplex.solve().objective)
     assert objectives == pytest.approx([objectives[0]] * 3, rel=1e-9)
 
@@ -349,8 +340,7 @@ def test_noiseless_pushes_find_a_perfect_fit(rng):
     groups, truth = pushes(rng, 12, 150, noise=0.0)
     simplex = Simplex(12)
     for rows in groups:
-        simplex.add(rows)
-        optimum = simplex.solve()
+        optimum = solved_with(simplex, rows)
         assert optimum.status is Status.OPTIMAL
         assert optimum.objective < 1e-14
     np.testing.assert_allclose(optimum.w, truth, atol=1e-9)
@@ -362,8 +352,7 @@ def test_thousands_of_rows_settle_and_the_certificate_stays_true(rng, n):
     groups, _ = pushes(rng, n, 4096)  # two rows each: both balls are sorted several times
     simplex = Simplex(n)
     for k, rows in enumerate(groups):
-        simplex.add(rows)
-        optimum = simplex.solve()
+        optimum = solved_with(simplex, rows)
         assert optimum.status is Status.OPTIMAL
         if k % 256 == 0:
             assert simplex.certificate().objective == pytest.approx(optimum.objective, rel=1e-12)
@@ -377,8 +366,7 @@ def test_the_cost_of_a_data_point_does_not_grow_with_their_number(rng, monkeypat
     groups, _ = pushes(rng, 5, 8192)
     simplex, totals = Simplex(5), [0]
     for k, rows in enumerate(groups, 1):
-        simplex.add(rows)
-        assert simplex.solve().status is Status.OPTIMAL
+        assert solved_with(simplex, rows).status is Status.OPTIMAL
         if k in (1024, 4096, 8192):
             totals.append(sum(looked_at))
     early, _, late = np.diff(totals) / (1024, 3072, 4096)
@@ -405,8 +393,7 @@ def test_a_walk_does_not_stray_from_its_ball(rng, monkeypatch):
     simplex = Simplex(60)
     for rows in groups:
         exchanges.append(0)
-        simplex.add(rows)
-        assert simplex.solve().status is Status.OPTIMAL
+        assert solved_with(simplex, rows).status is Status.OPTIMAL
     assert ends.count(False) > 100  # outside of it, or short of leaving it
 
 
@@ -425,8 +412,7 @@ def test_a_sudden_change_of_the_data_moves_settled_rows(rng):
     after, _ = pushes(rng, 8, 1500)
     simplex = Simplex(8)
     for k, rows in enumerate(before + after):
-        simplex.add(rows)
-        if simplex.solve().status is Status.INFEASIBLE:
+        if solved_with(simplex, rows).status is Status.INFEASIBLE:
             simplex.remove(k)
             assert simplex.solve().status is Status.OPTIMAL
     assert simplex.certificate().status is Status.OPTIMAL
@@ -450,8 +436,7 @@ def test_removal_of_settled_rows(rng):
     groups, _ = pushes(rng, 10, 2000)
     simplex = Simplex(10)
     for rows in groups:
-        simplex.add(rows)
-        simplex.solve()
+        solved_with(simplex, rows)
     for gone in range(0, 2000, 3):
         simplex.remove(gone)
         assert simplex.solve().status is Status.OPTIMAL
@@ -512,8 +497,7 @@ def test_while_nothing_changes_the_optimum_stays_the_same():
     simplex = filled(Simplex(2), group([1, -1]))
     optimum = simplex.solve()
     assert simplex.solve() is optimum
-    simplex.add(group([1, -3]))
-    assert simplex.solve().objective == pytest.approx(0.5)
+    assert solved_with(simplex, group([1, -3])).objective == pytest.approx(0.5)
     assert optimum.objective == 0
     simplex.remove(1)
     assert simplex.solve().objective == 0
