@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from programs import filled, group, highs, pushes, solved_while_rows_come_and_go
+from programs import filled, group, highs, pushes, solved_while_rows_come_and_go, solved_with
 from scipy.optimize import minimize, nnls
 
 from pushfric_core.program.constraints import ConstraintRows, stack
@@ -160,8 +160,7 @@ def test_bounds_enclose_the_optimum_of_highs(seed, n, half_width):
     groups = pushes(np.random.default_rng(seed), n, 12, half_width=half_width)[0]
     program = OsqpProgram(n)
     for k, rows in enumerate(groups):
-        program.add(rows)
-        optimum = program.solve()
+        optimum = solved_with(program, rows)
         best, worst = highs(stack(groups[: k + 1], n)), 0.1 * (k + 1)
         assert optimum.lower_bound - 1e-6 * worst <= best <= optimum.objective + 1e-6 * worst
         assert optimum.gap == optimum.objective - optimum.lower_bound
@@ -173,8 +172,7 @@ def test_reserve_columns_are_used_and_freed(rng):
     groups = pushes(rng, 8, 90)[0]
     program = OsqpProgram(8)
     for rows in groups:  # two rows each: exceeds the columns in reserve twice
-        program.add(rows)
-        optimum = program.solve()
+        optimum = solved_with(program, rows)
     assert optimum.objective == pytest.approx(highs(stack(groups, 8)), rel=0.02)
     for number in range(45):
         program.remove(2 * number)
@@ -212,15 +210,13 @@ def test_least_squares_agree_with_a_general_solver(seed, n, half_width, noise):
     groups = pushes(np.random.default_rng(seed), n, 3 * n, noise, half_width)[0]
     program = LeastSquares(n)
     for k, rows in enumerate(groups):
-        program.add(rows)
-        optimum = program.solve()
+        optimum = solved_with(program, rows)
         assert optimum.status is not Status.INFEASIBLE
         assert optimum.w.min() >= 0
         assert optimum.w.sum() == pytest.approx(1, abs=1e-12)
         present = stack(groups[: k + 1], n)
         assert optimum.objective == pytest.approx(squares(present, optimum.w), rel=1e-9, abs=1e-16)
-        hard = np.isinf(present.below)
-        assert (present.a[hard] @ optimum.w).min() >= -1e-9
+        assert (present.a[np.isinf(present.below)] @ optimum.w).min() >= -1e-9
     assert optimum.status is Status.OPTIMAL
     metre = 20.0  # to about one
     scaled = ConstraintRows(np.where(np.isinf(present.below)[:, None], 1.0, metre) * present.a, present.above, present.below)
@@ -251,8 +247,7 @@ def test_least_squares_of_thousands_of_rows_do_not_drift(rng):
     for k, rows in enumerate(groups):
         program.add(rows)
         if k % 40 == 0:
-            optimum = program.solve()
-            assert optimum.status is Status.OPTIMAL
+            assert program.solve().status is Status.OPTIMAL
     fresh = filled(LeastSquares(10), stack(groups, 10))
     assert program.solve().objective == pytest.approx(fresh.solve().objective, rel=1e-9)
 
@@ -266,10 +261,13 @@ def optimum_of(rows):
     return simplex.certificate()
 
 
+def most_even(rows):
+    return nearest_uniform(rows, optimum_of(rows))
+
+
 def test_of_equally_good_weights_the_most_even_is_taken():
     # |w0 - w1 - w2| is zero wherever w0 = 1/2
-    rows = group([1, -1, -1])
-    nearest = nearest_uniform(rows, optimum_of(rows))
+    nearest = most_even(group([1, -1, -1]))
     np.testing.assert_allclose(nearest.w, (0.5, 0.25, 0.25))
     assert nearest.status is Status.OPTIMAL
     assert nearest.objective == pytest.approx(0, abs=1e-15)
@@ -277,8 +275,7 @@ def test_of_equally_good_weights_the_most_even_is_taken():
 
 def test_one_sided_rows_bound_the_choice():
     # w0 <= w1 / 3 costs nothing: of w with w1 >= 3 w0, (1/5, 7/15, 1/3) is out as 3/5 > 7/15
-    rows = group([3, -1, 0], above=1, below=0)
-    nearest = nearest_uniform(rows, optimum_of(rows))
+    nearest = most_even(group([3, -1, 0], above=1, below=0))
     # minimise over (x, 3 x, 1 - 4 x): x + 9 x - 4 (1 - 4 x) = 0
     x = 4 / 26
     np.testing.assert_allclose(nearest.w, (x, 3 * x, 1 - 4 * x))
@@ -286,9 +283,7 @@ def test_one_sided_rows_bound_the_choice():
 
 def test_a_row_with_a_cost_keeps_it():
     # w0 + 2 w1 + 2 w2 + w3 is least on the edge between the first and the last
-    rows = group([1, 2, 2, 1])
-    nearest = nearest_uniform(rows, optimum_of(rows))
-    np.testing.assert_allclose(nearest.w, (0.5, 0, 0, 0.5))
+    np.testing.assert_allclose(most_even(group([1, 2, 2, 1])).w, (0.5, 0, 0, 0.5))
 
 
 def test_without_rows_all_weights_are_the_same():
