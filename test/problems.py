@@ -114,6 +114,12 @@ FULL = Observation(
 """An observation that has all that one can have."""
 
 
+def contacts_of(observations: Iterable[Observation]) -> Iterator[list[object]]:
+    """Contact points, normals and velocities of the tip, as what predicts takes them."""
+    for name in ("contact_point", "contact_normal", "tip_velocity"):
+        yield [getattr(one, name) for one in observations]
+
+
 def save_csv(path: pathlib.Path, columns: Iterable[str], *rows: Iterable[object]) -> pathlib.Path:
     """A table of these rows, each number to its last bit; returns its path."""
     path.write_text("".join(f"{','.join(map(str, row))}\n" for row in (columns, *rows)))

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from problems import four_feet, observations_of
+from problems import contacts_of, four_feet, observations_of
 
 from bench.paper.pushes import NOISES, eight_places, filmed, moved, objects
 from pushfric_core import Estimator, Twist, believe, predict
@@ -104,8 +104,7 @@ def test_new_motions_are_off_by_less_than_the_misfit_as_often_as_it_says():
         belief = believe(POINTS, data[:25])
         assert 0.1 < belief.misfit < 0.4
         new = data[25:]
-        names = ("contact_point", "contact_normal", "tip_velocity")
-        found = predict(belief, *([getattr(one, name) for one in new] for name in names))
+        found = predict(belief, *contacts_of(new))
         held += (belief.angles(found.twists, [one.twist for one in new]) <= belief.misfit).tolist()
     assert np.mean(held) > 0.85
 
@@ -118,8 +117,7 @@ def test_motions_with_a_tip_that_slides_are_foretold_with_a_misfit_of_their_own(
         data = [noisy([one], 0.3 if slip > 2e-3 else 0.1, k)[0] for k, (one, slip) in enumerate(zip(data, slips, strict=True))]
         belief = believe(studied.support_points, [one for one in data if one.push_id % 2])
         new = [one for one in data if not one.push_id % 2]
-        parts = ("contact_point", "contact_normal", "tip_velocity")
-        found = predict(belief, *([getattr(one, part) for one in new] for part in parts))
+        found = predict(belief, *contacts_of(new))
         angles = belief.angles(found.twists, [one.twist for one in new])
         for mode, angle, spread in zip(found.modes, angles, found.spread, strict=True):
             held[mode].append(angle <= spread)
