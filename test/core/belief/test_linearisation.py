@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import four_feet
+from problems import contacts_of, four_feet
 
 from pushfric_core import FrictionModel, predict
 from pushfric_core.belief import linearisation
@@ -53,9 +53,7 @@ def test_the_slopes_are_those_of_finite_differences(monkeypatch, mu_c, turn, see
 def test_what_is_predicted_has_no_error():
     model = FrictionModel(POINTS, softmax(U)[None], np.array((0.3,)), np.ones(1))
     data = list(pushes(0.5))
-    moved = predict(
-        model, *([getattr(one, name) for one in data] for name in ("contact_point", "contact_normal", "tip_velocity"))
-    )
+    moved = predict(model, *contacts_of(data))
     seen = [replace(one, twist=one.twist._make(twist)) for one, twist in zip(data, moved.twists.tolist(), strict=True)]
     found = stretches(steps_of(seen, 0.2), 0.2)
     place = problem_of(POINTS, found, 1.0).place
