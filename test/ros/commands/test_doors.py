@@ -13,20 +13,11 @@ import numpy as np
 import pytest
 from calls import PROGRAM, figures, invoked, pushfric
 from composition import made
-from problems import observations_of
+from problems import contacts_of, observations_of
 from semantic_damage import Recording
 
 from bench.public import stablepush, zhou2015
-from pushfric_core import (
-    Estimator,
-    HalfPlanes,
-    Recognizer,
-    load,
-    named_ellipsoid,
-    next_pushes,
-    predict,
-    stability,
-)
+from pushfric_core import Estimator, HalfPlanes, Recognizer, load, named_ellipsoid, next_pushes, predict, stability
 from pushfric_core.bags.bag_writer import BagWriter, offered
 from pushfric_core.bags.message_types import encoder
 from pushfric_core.estimation.estimate import friction_model
@@ -45,7 +36,6 @@ from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.nodes.estimator import EstimatorNode
 from pushfric_ros.nodes.planner import PlannerNode
 
-POINT_LOG = "30_90_30_30_30_90__exp_08_11_30.txt"
 TWO_FINGERS = "30_90_30_30_30_90"
 
 
@@ -74,19 +64,13 @@ def simulated(name, count, seed):
     return case
 
 
-def points_of(observations):
-    """The pushes of observations, to be predicted."""
-    names = ("contact_point", "contact_normal", "tip_velocity")
-    return PointPushes(*(np.array([getattr(one, name) for one in observations]) for name in names))
-
-
 def with_two_fingers(folder, real_pushes):
     """Fitted to the stable pushes, which are intervals; asked about all of them."""
     two = stablepush.read_stable_pushes(real_pushes / "stable_pushes.csv")[TWO_FINGERS]
     imported = {one.object: one.path for one in stablepush.import_pushes(real_pushes / "stable_pushes.csv", folder / "in")}
     data = [stablepush._observation(two, index) for index in np.flatnonzero(two.stable).tolist()[::8]]
-    asked = points_of(zhou2015.read_push_points(real_pushes / "push_points.csv")[POINT_LOG])
-    return Case(data, imported[TWO_FINGERS], asked, two.pushes)
+    seen = zhou2015.read_push_points(real_pushes / "push_points.csv")["30_90_30_30_30_90__exp_08_11_30.txt"]
+    return Case(data, imported[TWO_FINGERS], PointPushes(*map(np.array, contacts_of(seen))), two.pushes)
 
 
 CASES = {
@@ -98,8 +82,7 @@ CASES = {
 
 @pytest.fixture(params=CASES)
 def case(request, tmp_path):
-    real_pushes = request.getfixturevalue("real_pushes") if "real" in request.param else None
-    found = CASES[request.param](tmp_path, real_pushes)
+    found = CASES[request.param](tmp_path, request.getfixturevalue("real_pushes") if "real" in request.param else None)
     write_csv(tmp_path / "data.csv", (*REQUIRED, *OPTIONAL), [
         (*one.contact_point, *one.contact_normal, *one.twist, one.push_id, one.half_width,
          *(one.force or ("", "")), *(one.tip_velocity or ("", "")))
@@ -132,6 +115,12 @@ def plain(figures):
     return json.loads(to_json(figures))
 
 
+def surface_of(support):
+    """The named ellipsoid of a support, and samples of its limit surface."""
+    ellipsoid, (wrenches, _) = named_ellipsoid(support), surface_samples(support)
+    return [ellipsoid.m_max, *ellipsoid.center, *wrenches.ravel()]
+
+
 def by_python(case, model):
     """The answers of pushfric_core, question by question."""
     estimator = Estimator(model.support_points)
@@ -142,7 +131,6 @@ def by_python(case, model):
         ranking = recognizer.add(one) if recognizer else None
     friction = friction_model(estimate)
     moved, held, region = predict(friction, *case.moved), stability(friction, *case.turned), half_planes.region()
-    ellipsoid, (wrenches, _) = named_ellipsoid(friction.support), surface_samples(friction.support)
     answers = {
         "estimate": {
             "objective": estimate.solution.objective,
@@ -161,11 +149,7 @@ def by_python(case, model):
         "stable": [held.stable.tolist(), held.margins.tolist(), held.probabilities.tolist()],
         "region": {"area": region.area, "center_of_friction": region.center.tolist(), "polygon": region.corners.tolist()},
         "next push": [[*one.push, one.expected_area] for one in next_pushes(half_planes)],
-        "limit surface": [
-            ellipsoid.m_max,
-            *ellipsoid.center,
-            *wrenches.ravel(),
-        ],
+        "limit surface": surface_of(friction.support),
     }
     if recognizer:
         answers["recognize"] = [[one.name, one.fit_error, one.ratio] for one in ranking.hypotheses]
@@ -209,9 +193,7 @@ def by_command(source, model, folder, *options):
 
 def by_model(path, folder):
     """The answers of the commands to a model, and of the model in Python."""
-    friction = load_model(path)[0].friction()
-    ellipsoid, (wrenches, _) = named_ellipsoid(friction.support), surface_samples(friction.support)
-    return plain(planned(path, folder) | {"limit surface": [ellipsoid.m_max, *ellipsoid.center, *wrenches.ravel()]})
+    return plain(planned(path, folder) | {"limit surface": surface_of(load_model(path)[0].friction().support)})
 
 
 def header(msg):
@@ -341,8 +323,7 @@ def of_observations(folder):
     """Observations alone, of pushes that do not show mu_c."""
     known = TABLE_1["wood_rect3"]
     data = observations_of(known.outline, known.support, known.mu_c, 14, np.random.default_rng(5))
-    stamped = [replace(one, stamp=number) for number, one in enumerate(data, 1)]
-    write_bag(folder / "bag", stamped, load_object("wood_rect3"))
+    write_bag(folder / "bag", [replace(one, stamp=number) for number, one in enumerate(data, 1)], load_object("wood_rect3"))
     return folder / "bag"
 
 
