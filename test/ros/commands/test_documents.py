@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import typer.main
 import yaml
+from calls import killed_at_the_end
 from documents import PAGES, ROOT, agrees, blocks, inline, sessions, tokens
 from problems import observations_of
 from typer.testing import CliRunner
@@ -131,8 +132,7 @@ def launch_arguments_exist(words):
     """Whether `ros2 launch` of one of our launch files is given arguments that this file has."""
     declared = LAUNCH_FILES[words[3]].arguments
     given = [word.split(":=")[0] for word in words[4:]]
-    required = {name for name, (default, _) in declared.items() if default is None}
-    return required <= set(given) <= set(declared)
+    return {name for name, (default, _) in declared.items() if default is None} <= set(given) <= set(declared)
 
 
 def commands(block):
@@ -220,10 +220,9 @@ def folder(tmp_path, monkeypatch):
     for name in ("data.csv", "more/data.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("\n".join((",".join(REQUIRED), *rows, "")))
-    bag = ROOT / "bags/rubber_rect4"
     for name in ("runs/first", "INPUT", "BAG", "DAMAGED"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).symlink_to(bag)
+        (tmp_path / name).symlink_to(ROOT / "bags/rubber_rect4")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -294,8 +293,7 @@ def slug(heading):
 
 def anchors(page):
     """The anchors of a page's headings."""
-    found = tokens(page)
-    return {slug("".join(child.content for child in after.children)) for token, after in pairwise(found)
+    return {slug("".join(child.content for child in after.children)) for token, after in pairwise(tokens(page))
             if token.type == "heading_open"}  # fmt: skip
 
 
@@ -320,11 +318,9 @@ def test_the_subscriber_of_the_docs_prints_an_estimate(ros, tmp_path):
     (snippet,) = [block.text for block in blocks("docs/graph.md") if block.text.startswith("import rclpy")]
     out = ros.node("estimator", namespace="/cell").create_publisher(FrictionEstimate, "friction_estimate", LATCHED)
     out.publish(FrictionEstimate())
-    with subprocess.Popen([sys.executable, "-u", "-c", snippet], stdout=subprocess.PIPE, text=True) as planner:
-        try:
-            assert planner.stdout.readline().startswith("geometry_msgs.msg.Point(")
-        finally:
-            planner.kill()  # rclpy.spin can miss a SIGTERM that comes with a message: seen once in 24 runs on busy cores
+    # rclpy.spin can miss a SIGTERM that comes with a message: seen once in 24 runs on busy cores
+    with killed_at_the_end([sys.executable, "-u", "-c", snippet], stdout=subprocess.PIPE, text=True) as planner:
+        assert planner.stdout.readline().startswith("geometry_msgs.msg.Point(")
 
 
 def test_the_client_of_the_docs_prints_an_answer(ros):
