@@ -78,10 +78,7 @@ def stroke_request(**more):
 
 
 def expected_model():
-    estimator = Estimator(KNOWN.support_points)
-    for observation in DATA:
-        estimate = estimator.add(observation)
-    return friction_model(estimate)
+    return friction_model(Estimator(KNOWN.support_points).add(DATA))
 
 
 class Cell:
@@ -167,8 +164,7 @@ def test_the_mean_alone_moves_as_with_its_samples(cell):
     assert list(strokes.ends) == numbers(found.means)
     assert strokes.covariances.tolist() == found.covariance.ravel().tolist()
     coarse = cell.ask("predict_stroke", stroke_request(mean_only=True, step=0.005)).ends
-    expected = predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS, 0.005).means
-    assert list(coarse) == numbers(expected)
+    assert list(coarse) == numbers(predict_strokes(model, KNOWN.outline, STARTS, LINES, POSITIONS, 0.005).means)
     assert coarse != strokes.ends
     assert not len(strokes.sample_ends)
 
@@ -226,9 +222,8 @@ def test_slices_make_no_difference(cell):
 def test_the_limit_surface_comes_in_the_forms_of_planners(cell):
     model = expected_model()
     msg = cell.ask("limit_surface", GetLimitSurface.Request()).limit_surface
-    ellipsoid = named_ellipsoid(model.support)
     assert (msg.object, msg.header.frame_id, msg.contact_friction) == (NAME, "object", model.median_mu_c)
-    assert (msg.f_max, msg.m_max) == (1, ellipsoid.m_max)
+    assert (msg.f_max, msg.m_max) == (1, named_ellipsoid(model.support).m_max)
     assert (msg.center.x, msg.center.y) == pytest.approx(tuple(model.support.center_of_friction))
     assert 0 < msg.ellipsoid_twist_error < 0.3
     exact = LimitSurface(model.support)
@@ -384,10 +379,9 @@ def test_an_answer_to_a_client_that_cannot_be_reached_yet_is_kept(ros, cell, mon
 
 def test_a_model_that_makes_no_sense_answers_nothing(ros):
     cell = Cell(ros)
-    out = cell.node.create_publisher(FrictionModel, "friction_model", LATCHED)
     msg = FrictionModel(support_points=[Point()], w=[1.0, 2.0], mu_c=[0.3], weights=[1.0])
     msg.basis.object, msg.basis.has_model, msg.basis.data_points = NAME, True, 7
-    out.publish(msg)
+    cell.node.create_publisher(FrictionModel, "friction_model", LATCHED).publish(msg)
     cell.wait_for_model(7)
     answer = cell.ask("predict_push", push_request())
     assert answer.message == "the message on friction_model is wrong: w must have 1 x 1 numbers, got 2"
