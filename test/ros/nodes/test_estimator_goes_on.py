@@ -73,9 +73,8 @@ class Cell:
     def __init__(self, ros, bag, **parameters):
         self.ros, self.bag, self.parameters = ros, bag, {"object": NAME, "bag": str(bag), **parameters}
         self.node = ros.node("peer", namespace="/cell")
-        topics = [" ".join(topic) for topic in TOPICS]
-        recording = {"bag": str(bag), "object": NAME, "topics": topics, "model": parameters.get("model", "")}
-        self.recorder = ros.compose(made(RecorderNode, **recording))
+        recording = {"object": NAME, "topics": [" ".join(topic) for topic in TOPICS], "model": parameters.get("model", "")}
+        self.recorder = ros.compose(made(RecorderNode, bag=str(bag), **recording))
         self.told = ros.heard(self.node, Observation, "observation", RELIABLE)
         self.estimates = ros.heard(self.node, FrictionEstimate, "friction_estimate", LATCHED)
         self.poses = ros.publisher(self.node, PoseWithCovarianceStamped, "object_pose", SENSOR_DATA)
@@ -128,8 +127,7 @@ class Cell:
         """The estimate from the bag as far as it is written, once the bag holds every observation."""
 
         def found():
-            settings = Recorded(self.bag).settings
-            return Recorded(self.bag).read(MODEL, settings, lambda _: None, partial=True).observations
+            return Recorded(self.bag).read(MODEL, Recorded(self.bag).settings, lambda _: None, partial=True).observations
 
         count = self.estimates[-1].data_points
         self.ros.wait_for(lambda: len(found()) == count, LONG, "the observations in the bag")
@@ -236,18 +234,15 @@ def test_a_model_serves_the_object_that_it_is_of(ros, tmp_path):
     path = kept(tmp_path / "model.yaml", DATA[:3])
     before = (tmp_path / "model.yaml").read_bytes()
     node = ros.node("peer", namespace="/cell")
-    estimator = made(EstimatorNode, object=NAME, source="observations", model=path, save=path)
-    ros.compose(estimator)
+    estimator = ros.compose(made(EstimatorNode, object=NAME, source="observations", model=path, save=path))
 
     def chosen(name):
         return call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object=name)).message
 
     assert chosen(NAME) == f"estimation of {NAME} starts; it goes on from {path}"
-    other = f"estimation of wood_rect3 starts; it does not use the model of {NAME}, {path}"
-    assert chosen("wood_rect3") == other
+    assert chosen("wood_rect3") == f"estimation of wood_rect3 starts; it does not use the model of {NAME}, {path}"
     estimates = ros.heard(node, FrictionEstimate, "friction_estimate", LATCHED)
-    out = ros.publisher(node, Observation, "observation", RELIABLE)
-    out.publish(observation_to_msg(DATA[3], "wood_rect3"))
+    ros.publisher(node, Observation, "observation", RELIABLE).publish(observation_to_msg(DATA[3], "wood_rect3"))
     ros.wait_for(lambda: estimates and estimates[-1].data_points == 1, LONG, "an estimate")
     ros.end(estimator)
     assert (tmp_path / "model.yaml").read_bytes() == before  # it is not lost to the other object
@@ -256,23 +251,17 @@ def test_a_model_serves_the_object_that_it_is_of(ros, tmp_path):
 STATES = [msg for msg in push(0, START) if isinstance(msg, PusherState)]
 
 
-def states_written(writer):
-    """A function that appends messages, and topics for them."""
-    writer.add_topic("/cell/pusher_state", "pushfric_msgs/msg/PusherState", [])
-    writer.add_topic("/cell/estimation_start", "pushfric_msgs/msg/EstimationStart", [])
-
-    def write(*messages, at=1):
-        for msg in messages:
-            name = "pusher_state" if isinstance(msg, PusherState) else "estimation_start"
-            writer.write(f"/cell/{name}", at, serialize_message(msg))
-
-    return write
-
-
 def test_the_handover_waits_for_what_the_recorder_has_not_written_yet(tmp_path):
     begins, again = EstimationStart(object=NAME), EstimationStart(object="wood_rect3")
     with BagWriter(tmp_path / "bag") as writer:
-        write = states_written(writer)
+        writer.add_topic("/cell/pusher_state", "pushfric_msgs/msg/PusherState", [])
+        writer.add_topic("/cell/estimation_start", "pushfric_msgs/msg/EstimationStart", [])
+
+        def write(*messages, at=1):
+            for msg in messages:
+                name = "pusher_state" if isinstance(msg, PusherState) else "estimation_start"
+                writer.write(f"/cell/{name}", at, serialize_message(msg))
+
         assert Resumption(tmp_path / "bag", "/cell", ["pusher_state"]).start is None
         write(begins, *STATES[:5])
         writer.flush()
