@@ -199,8 +199,7 @@ def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
 
 
 def test_parameters_reach_the_region_and_the_slipping_pushes(ros):
-    given = {"region_margin": 0.01, "slipping_pushes": [0, 2], "exclude_pushes": [1]}
-    node, out, _ = estimator_of_observations(ros, **given)
+    node, out, _ = estimator_of_observations(ros, region_margin=0.01, slipping_pushes=[0, 2], exclude_pushes=[1])
     regions = ros.heard(node, CenterOfFrictionRegion, "center_of_friction_region", LATCHED)
     frictions = ros.heard(node, ContactFriction, "contact_friction", RELIABLE)
     ros.wait_for(lambda: node.count_publishers("contact_friction"), what="the estimator")
@@ -245,12 +244,9 @@ def test_measured_forces_reach_the_estimate(ros):
 
 
 def test_a_clock_that_jumps_back_restarts_the_estimate(ros):
-    node = ros.node("peer", namespace="/cell")
-    live = ros.compose(made(EstimatorNode, object=NAME, source="observations", use_sim_time=True))
-    estimates = ros.heard(node, FrictionEstimate, "friction_estimate", RELIABLE)
-    out = ros.publisher(node, Observation, "observation", RELIABLE)
+    node, out, estimates = estimator_of_observations(ros, use_sim_time=True)
     clock = ros.publisher(node, Clock, "/clock", RELIABLE)
-    ros.wait_for(lambda: node.count_publishers("friction_estimate"), what="the estimator")
+    live = ros._nodes[-1]
     for count, seconds in ((1, 100), (2, 101), (4, 50)):
         clock.publish(Clock(clock=stamp_to_msg(seconds * 10**9)))
         ros.wait_for(lambda seconds=seconds: live.get_clock().now().nanoseconds == seconds * 10**9, what="the clock")
