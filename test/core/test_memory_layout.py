@@ -30,12 +30,10 @@ K, N, S = 40, 13, 5
 TURN = np.sort(RNG.uniform(0, 2 * np.pi, 9))
 CORNERS = 0.06 * np.column_stack((np.cos(TURN), 0.7 * np.sin(TURN)))
 OUTLINE = pushfric_core.Outline(CORNERS)
-POINTS, W, MU_C, SHARE = (
-    RNG.uniform(-0.04, 0.04, (N, 2)),
-    RNG.dirichlet(np.ones(N), S),
-    RNG.uniform(0.1, 0.9, S),
-    np.full(S, 1 / S),
-)
+POINTS = RNG.uniform(-0.04, 0.04, (N, 2))
+W = RNG.dirichlet(np.ones(N), S)
+MU_C = RNG.uniform(0.1, 0.9, S)
+SHARE = np.full(S, 1 / S)
 SUPPORT = pushfric_core.Support(POINTS, W[0])
 MODEL = pushfric_core.FrictionModel(POINTS, W, MU_C, SHARE)
 EDGES = RNG.integers(len(CORNERS), size=K)
@@ -78,14 +76,8 @@ def known_support(points, weights):
 
 def model(support_points, w, mu_c, share, covariance):
     made = pushfric_core.FrictionModel(support_points, w, mu_c, share, 0.1, covariance=covariance)
-    return (
-        made,
-        made.support,
-        made.with_mean,
-        made.length,
-        made.confidence,
-        pushfric_core.predict(made, CONTACTS, NORMALS, VELOCITIES),
-    )
+    moved = pushfric_core.predict(made, CONTACTS, NORMALS, VELOCITIES)
+    return made, made.support, made.with_mean, made.length, made.confidence, moved
 
 
 def pushed(point, normal, velocity):
@@ -124,19 +116,15 @@ class Own(pushfric_core.Constraint):
 
 
 def own_rows(a):
-    estimator = pushfric_core.Estimator(POINTS, pushfric_core.EstimatorConfig(terms=("moment", Own(np.asarray(a)))))
-    return estimator.add(OBSERVATION)
+    config = pushfric_core.EstimatorConfig(terms=("moment", Own(np.asarray(a))))
+    return pushfric_core.Estimator(POINTS, config).add(OBSERVATION)
 
 
 def half_planes(normal):
     narrowed = pushfric_core.HalfPlanes(OUTLINE, 0.001)
     found = narrowed.add([region.HalfPlane(normal, 0.001)])
-    return (
-        found.polygon,
-        found.center,
-        pushfric_core.next_pushes(narrowed),
-        narrowed.add([region.HalfPlane(normal, 1.0)]).center,
-    )
+    pushes = pushfric_core.next_pushes(narrowed)
+    return found.polygon, found.center, pushes, narrowed.add([region.HalfPlane(normal, 1.0)]).center
 
 
 STARTS = {"starts": 0.3 * NORMALS, "directions": -NORMALS, "radii": HALVES}
@@ -237,8 +225,7 @@ def every_other(array):
 
 def off_its_place(array):
     """The same numbers at an address that is no multiple of their size."""
-    room = np.zeros(array.nbytes + 1, dtype=np.uint8)
-    found = room[1:].view(np.float64).reshape(array.shape)
+    found = np.zeros(array.nbytes + 1, dtype=np.uint8)[1:].view(np.float64).reshape(array.shape)
     found[...] = array
     return found
 
