@@ -152,8 +152,7 @@ def test_late_frames_are_dropped_and_counted(cell):
 )
 def test_unusable_frames_are_counted(cell, encoding, fields, reason):
     cell.send(cell.simulation.render(TRUTH), encoding, **fields)
-    report = cell.report(unusable_frames="1", last_reason=reason)
-    assert report.level == DiagnosticStatus.ERROR
+    assert cell.report(unusable_frames="1", last_reason=reason).level == DiagnosticStatus.ERROR
     cell.see(TRUTH)
     assert len(cell.poses) == 1
 
@@ -266,8 +265,7 @@ def test_a_video_file_as_source(ros, tmp_path):
     ros.wait_for(lambda: len(cell.poses) >= 10 and cell.poses[-1].pose.pose.position.x > last, what="the last pose")
     for msg, truth in zip(cell.poses[-10:], truths, strict=True):
         assert abs(msg.pose.pose.position.x - truth.x) < 2e-4  # as JPEG left it
-    stamps = np.diff([stamp_from_msg(msg.header.stamp) for msg in cell.poses])
-    assert (stamps > 0).all()
+    assert (np.diff([stamp_from_msg(msg.header.stamp) for msg in cell.poses]) > 0).all()
 
 
 @pytest.mark.parametrize(
