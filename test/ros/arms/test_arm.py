@@ -2,15 +2,14 @@
 
 import contextlib
 import math
-import pathlib
 import signal
-import subprocess
 import sys
 import time
 
 import arm as example
 import numpy as np
 import pytest
+from calls import killed_at_the_end
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
@@ -23,7 +22,6 @@ from pushfric_ros.arms.trajectory import JointTrajectoryConfig
 from pushfric_ros.arms.twist import TwistConfig
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
-EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 STAGE = PusherConfig((0.0, 0.0), (0.0, 1.0), 0.003, 0.06, 0.1)
 POSES = {"source": "pose_stamped", "topic": "/tool_pose", "origin": (0.0, 0.0, 0.12), "table": (0.5, 0.1, 0.3)}
 PATIENT = 30.0  # silence, for a busy machine [s]
@@ -116,8 +114,7 @@ def test_a_stroke_ends_where_it_was_sent_and_stays_on_its_line(ros, device, kind
 
 def test_a_line_anywhere_on_the_table(ros, device):
     """The line is that of the cell's file, in the table frame."""
-    stage = PusherConfig((-0.02, 0.01), (2.0, -1.0), 0.003, 0.1, 0.1)
-    with connected(stage=stage) as pusher:
+    with connected(stage=PusherConfig((-0.02, 0.01), (2.0, -1.0), 0.003, 0.1, 0.1)) as pusher:
         begin = until(pusher, lambda _: True)[-1].position
         assert begin == pytest.approx(math.sqrt(0.02**2 + 0.01**2), abs=1e-4)
         carry_out(pusher, lambda: pusher.move_to(begin + 0.02, 0.05))
@@ -161,21 +158,16 @@ def test_an_arm_that_is_not_seen_is_stopped(ros, device):
 def test_an_arm_that_stood_still_is_not_pulled_after(ros, kind, monkeypatch):
     """It would have to catch up, faster than the stroke, with what was sent while it was not seen."""
     monkeypatch.setattr(arms, "CONNECT", 60.0)  # its process starts meanwhile
-    process = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"])
-    try:
-        with connected(kind) as pusher:
-            pusher.move_to(0.03, 0.008)
-            for place in (0.005, 0.015):
-                until(pusher, lambda report, place=place: report.position > place)
-                process.send_signal(signal.SIGSTOP)
-                goes_on = time.monotonic() + 0.6  # longer than all that it was sent
-                while time.monotonic() < goes_on:
-                    pusher.poll()
-                process.send_signal(signal.SIGCONT)
-            assert until(pusher, lambda _: not pusher.busy)[-1].position == pytest.approx(0.03, abs=2e-4)
-    finally:
-        process.kill()
-        process.wait()
+    with killed_at_the_end([sys.executable, example.__file__]) as process, connected(kind) as pusher:
+        pusher.move_to(0.03, 0.008)
+        for place in (0.005, 0.015):
+            until(pusher, lambda report, place=place: report.position > place)
+            process.send_signal(signal.SIGSTOP)
+            goes_on = time.monotonic() + 0.6  # longer than all that it was sent
+            while time.monotonic() < goes_on:
+                pusher.poll()
+            process.send_signal(signal.SIGCONT)
+        assert until(pusher, lambda _: not pusher.busy)[-1].position == pytest.approx(0.03, abs=2e-4)
 
 
 def test_a_pose_that_is_none_ends_the_motion(ros, device):
@@ -193,8 +185,8 @@ def test_a_tip_that_is_pushed_off_its_line_needs_a_person(ros, device):
     with connected() as pusher:
         start_a_stroke(pusher)
         before = device.joints.copy()
-        aside = example.backward(example.forward(before)[0] + (0.0, 0.0, 0.004), example.DOWN, before)
-        device.joints = aside  # 4 mm higher
+        # 4 mm higher
+        device.joints = example.backward(example.forward(before)[0] + (0.0, 0.0, 0.004), example.DOWN, before)
         fails(pusher, LeftTheWay, r"the tip is \d\.\d mm beside its line")
         until(pusher, lambda _: not pusher.busy)
         with pytest.raises(NotReady, match="beside its line"):
@@ -270,10 +262,7 @@ def test_a_trajectory_needs_the_joints_and_their_urdf(ros, monkeypatch):
 
 
 def test_an_arm_that_is_held_back_is_not_pulled_ever_harder(ros, device):
-    sent = []
-    ros.node("listener").create_subscription(
-        JointTrajectory, "/joint_trajectory_controller/joint_trajectory", sent.append, RELIABLE
-    )
+    sent = ros.heard(ros.node("listener"), JointTrajectory, "/joint_trajectory_controller/joint_trajectory", RELIABLE)
     with connected(JointTrajectoryConfig) as pusher:
         go_on, here = device._go_on, device.joints
 
