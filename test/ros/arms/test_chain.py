@@ -1,7 +1,6 @@
 """The joints that a URDF names, against the kinematics of examples/arm.py, which are written another way."""
 
 import math
-import pathlib
 
 import arm as example
 import numpy as np
@@ -14,7 +13,6 @@ from pushfric_ros.arms.trajectory import DAMPING, Chain, JointTrajectoryConfig, 
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 from pushfric_ros.node_kit.visit import visit
 
-EXAMPLES = pathlib.Path(__file__).parents[3] / "examples"
 SLIDE = """<robot name="gantry"><link name="base"/><link name="turned"/><link name="carriage"/><link name="tip"/>
 <joint name="mount" type="fixed"><parent link="base"/><child link="turned"/><origin rpy="0 0 1.5707963267948966"/></joint>
 <joint name="rail" type="{kind}"><parent link="turned"/><child link="carriage"/>
