@@ -59,10 +59,7 @@ from pushfric_core.vision.camera import Camera, load_camera, picture_from, save_
 from pushfric_core.vision.fiducial_tracker import load_fiducials
 from pushfric_msgs.msg import FrictionModel
 from pushfric_msgs.srv import GetLimitSurface, MotionCone, PredictPush, PredictStroke, StablePushes
-from pushfric_ros.messages.conversions import (
-    friction_model_to_msg,
-    observation_to_msg,
-)
+from pushfric_ros.messages.conversions import friction_model_to_msg, observation_to_msg
 from pushfric_ros.messages.types import definition
 from pushfric_ros.node_kit.lock import domain
 from pushfric_ros.node_kit.planner_client import QUESTIONS
@@ -459,8 +456,7 @@ def _questions() -> list[bytes]:
 @functools.cache
 def _model_message() -> FrictionModel:
     pushed = load_object(OBJECT_NAME)
-    estimator = Estimator(pushed.support_points)
-    estimate = estimator.add(_observations())
+    estimate = Estimator(pushed.support_points).add(_observations())
     return friction_model_to_msg(pushed.name, pushed.outline, estimate, friction_model(estimate), estimate.verdict)
 
 
