@@ -1,5 +1,6 @@
 """Every node of the graph ends with exit code 0, however it is told to and however busy the machine is."""
 
+import contextlib
 import os
 import pathlib
 import signal
@@ -9,6 +10,7 @@ import tempfile
 import time
 
 import pytest
+from calls import killed_at_the_end
 from diagnostic_msgs.msg import DiagnosticArray
 
 from pushfric_core.bags.bag import Bag
@@ -23,29 +25,26 @@ PATIENCE = 240.0
 
 @pytest.fixture
 def processes(tmp_path):
-    cell = demo_cell("rubber_rect4", tmp_path)
     started = {}
-    with tempfile.TemporaryDirectory(prefix="pushfric-") as folder:
-        for spec in graph.simulated_cell(cell, str(tmp_path / "bag"), seed=0, speed=5.0):
+    with tempfile.TemporaryDirectory(prefix="pushfric-") as folder, contextlib.ExitStack() as leaving:
+        for spec in graph.simulated_cell(demo_cell("rubber_rect4", tmp_path), str(tmp_path / "bag"), seed=0, speed=5.0):
             arguments = command(spec, graph.NAMESPACE, pathlib.Path(folder))
             with (tmp_path / spec.name).open("w") as output:
-                started[spec.name] = subprocess.Popen(arguments, stdout=output, stderr=subprocess.STDOUT)
+                process = killed_at_the_end(arguments, stdout=output, stderr=subprocess.STDOUT)
+                started[spec.name] = leaving.enter_context(process)
         yield started
-        for process in started.values():
-            process.kill()
-            process.wait()
 
 
 @pytest.fixture
 def load():
     """Starts processes that keep every core busy that the tests may use."""
-    burning = []
-    yield lambda: burning.extend(
-        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * len(os.sched_getaffinity(0)))
-    )
-    for process in burning:
-        process.kill()
-        process.wait()
+    with contextlib.ExitStack() as leaving:
+
+        def start():
+            for _ in range(2 * len(os.sched_getaffinity(0))):
+                leaving.enter_context(killed_at_the_end([sys.executable, "-c", "while True: pass"]))
+
+        yield start
 
 
 def test_all_nodes_end_with_0_and_the_bag_is_whole(ros, processes, load, tmp_path):
@@ -61,8 +60,7 @@ def test_all_nodes_end_with_0_and_the_bag_is_whole(ros, processes, load, tmp_pat
             for one in signals[number % 2][turn : turn + 1]:
                 process.send_signal(one)
         time.sleep(0.02)
-    codes = {name: process.wait(PATIENCE) for name, process in processes.items()}
-    assert codes == dict.fromkeys(processes, 0)
+    assert {name: process.wait(PATIENCE) for name, process in processes.items()} == dict.fromkeys(processes, 0)
     assert not [name for name in processes if "Traceback" in (tmp_path / name).read_text()]
     assert Bag(tmp_path / "bag").damage is None
     assert not (tmp_path / "pusher").is_symlink()
