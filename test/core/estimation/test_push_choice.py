@@ -4,12 +4,7 @@ import shapely
 
 from pushfric_core import FrictionModel, HalfPlanes, Outline, PushingLine, Support, next_pushes, predict, slip_pushes
 from pushfric_core.estimation.push_choice import LIKELY_MU, planned_pushes
-from pushfric_core.estimation.push_plan import (
-    PlannedPush,
-    even_pushes,
-    placement,
-    planned_contact,
-)
+from pushfric_core.estimation.push_plan import PlannedPush, even_pushes, placement, planned_contact
 from pushfric_core.estimation.region import HalfPlane
 from pushfric_core.geometry.planar import rotation
 from pushfric_core.mechanics.quasi_static import ContactMode
