@@ -71,10 +71,8 @@ def test_a_penalty_above_the_multiplier_gives_the_hard_optimum():
     assert hard.status is Status.OPTIMAL
     free = estimated(nonnegative_force=False)
     assert free.solution.objective < hard.solution.objective - 1e-4
-    exact = estimated(pull_penalty=10.0)
-    assert exact.solution.objective == pytest.approx(hard.solution.objective, rel=1e-9)
-    cheap = estimated(pull_penalty=1e-3)
-    assert free.solution.objective < cheap.solution.objective < hard.solution.objective
+    assert estimated(pull_penalty=10.0).solution.objective == pytest.approx(hard.solution.objective, rel=1e-9)
+    assert free.solution.objective < estimated(pull_penalty=1e-3).solution.objective < hard.solution.objective
 
 
 def test_a_center_of_friction_outside_the_supports_is_infeasible():
@@ -95,8 +93,7 @@ def with_force(observation, problem, total, noise=0.0, rng=None):
 def test_measured_forces_give_absolute_magnitudes(rng):
     problem = PROBLEMS[2]()
     config = EstimatorConfig(terms=("moment", "force"))
-    sensed = [with_force(o, problem, 3.5) for o in problem.observations]
-    estimate = Estimator(problem.truth.points, config).add(sensed)
+    estimate = Estimator(problem.truth.points, config).add([with_force(o, problem, 3.5) for o in problem.observations])
     assert estimate.status is Status.OPTIMAL
     assert estimate.total_friction == pytest.approx(3.5, rel=1e-3)
     assert estimate.center_of_friction == pytest.approx(problem.truth.center_of_friction, abs=1e-4)
@@ -171,10 +168,9 @@ def test_the_approximate_solver_is_honest_about_its_gap():
 
 def test_the_loss_l2_is_the_least_squares_fit():
     problem = PROBLEMS[2]()
-    settings = {"cor_radius": 0.0, "nonnegative_force": False}
     rng = np.random.default_rng(4)
     noisy = [replace(o, twist=Twist(*(np.array(o.twist) * (1 + rng.normal(0, 0.05, 3))))) for o in problem.observations]
-    estimate = estimate_of(problem.truth.points, noisy, loss="l2", **settings)
+    estimate = estimate_of(problem.truth.points, noisy, loss="l2", cor_radius=0.0, nonnegative_force=False)
     assert estimate.status is Status.OPTIMAL
     a = np.concatenate([rows_of(Moment(), o, problem.truth.points).a for o in noisy])
     # nonnegative least squares with the sum as one heavy row: another algorithm, on the same rows
@@ -231,8 +227,7 @@ def test_a_constraint_of_ones_own_joins_the_terms(settings):
     alone = Estimator(grid, EstimatorConfig(**settings)).add(problem.observations[:8]).center_of_friction
     told = alone[0] + 0.003  # which is not true
     config = EstimatorConfig(terms=("moment", OnAxis(told, 1000.0)), **settings)
-    estimate = Estimator(grid, config).add(problem.observations[:8])
-    assert estimate.center_of_friction[0] == pytest.approx(told, abs=1e-4)
+    assert Estimator(grid, config).add(problem.observations[:8]).center_of_friction[0] == pytest.approx(told, abs=1e-4)
 
 
 def test_a_term_of_another_package_is_chosen_by_name_and_replayed(tmp_path, install):
