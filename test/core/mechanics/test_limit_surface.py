@@ -16,9 +16,6 @@ HALF = 0.05
 
 ROD_2 = Support(HALF * np.array(((-1, 0), (1, 0))), np.full(2, 1 / 2))
 ROD_3 = Support(HALF * np.array(((-1, 0), (0, 0), (1, 0))), np.full(3, 1 / 3))
-RODS = (ROD_2, ROD_3)
-
-FY, M = Wrench(0.0, 1.0, 0.0), Wrench(0.0, 0.0, 1.0)
 
 
 def random_support(seed):
@@ -109,8 +106,7 @@ def test_supports_at_one_place_count_as_one():
 
 def test_a_turn_about_a_support_has_a_facet():
     """Three equal feet, one at the origin: in a turn about it, the other two resist with 1/3 each."""
-    support = Support(np.array(((0.0, 0.0), (0.03, 0.0), (0.0, 0.06))), np.full(3, 1 / 3))
-    surface = LimitSurface(support)
+    surface = LimitSurface(Support(np.array(((0.0, 0.0), (0.03, 0.0), (0.0, 0.06))), np.full(3, 1 / 3)))
     facet = next(one for one in surface.facets if not one.point.any())
     assert facet.center == pytest.approx((-1 / 3, 1 / 3, 0.03))
     assert facet.radius == pytest.approx(1 / 3)
@@ -119,10 +115,8 @@ def test_a_turn_about_a_support_has_a_facet():
         wrench = Wrench(-1 / 3 + u[0], 1 / 3 + u[1], 0.03)
         assert surface.twist(wrench) == pytest.approx(facet.twist)
         assert surface.load(wrench) == pytest.approx(1)
-        opposite = Wrench(*(-np.array(wrench)))
-        assert surface.twist(opposite) == pytest.approx(tuple(-np.array(facet.twist)))
-    beyond = Wrench(-1 / 3 + 0.34, 1 / 3, 0.03)
-    assert np.abs(np.array(surface.twist(beyond)) - facet.twist).max() > 1e-3
+        assert surface.twist(Wrench(*(-np.array(wrench)))) == pytest.approx(tuple(-np.array(facet.twist)))
+    assert np.abs(np.array(surface.twist(Wrench(-1 / 3 + 0.34, 1 / 3, 0.03))) - facet.twist).max() > 1e-3
     with pytest.raises(UninformativePush):
         surface.wrench(facet.twist)
 
@@ -131,8 +125,7 @@ def test_a_turn_about_a_support_has_a_facet():
 @given(seed=st.integers(0, 2**32 - 1), angle=st.floats(0, 6.3), share=st.floats(0, 0.999))
 def test_facets_are_limits_of_the_surface(seed, angle, share):
     """The wrenches of motions about points near a support approach the rim of its facet; all of its inside has one motion."""
-    support = random_support(seed)
-    surface = LimitSurface(support)
+    surface = LimitSurface(random_support(seed))
     facet = surface.facets[0]
     u = facet.radius * np.array((np.cos(angle), np.sin(angle)))
     inside = np.array(facet.center) + share * np.append(u, cross(facet.point, u))
@@ -147,7 +140,7 @@ def test_facets_are_limits_of_the_surface(seed, angle, share):
 def test_the_rods_have_the_same_reachable_parts():
     """Figure 12: forces across a rod, at points along its length, meet both surfaces at the same wrenches and motions."""
     places = np.linspace(-HALF, HALF, 41)
-    one, other = (LimitSurface(rod).reachable(*along_rod(places), mu_c=0.0) for rod in RODS)
+    one, other = (LimitSurface(rod).reachable(*along_rod(places), mu_c=0.0) for rod in (ROD_2, ROD_3))
     assert one.wrenches == pytest.approx(other.wrenches, abs=1e-9)
     assert one.twists == pytest.approx(other.twists, abs=1e-9)
     fx, fy, m = one.wrenches[:, 0].T
@@ -171,12 +164,10 @@ def test_the_ellipsoid_has_the_largest_force_and_the_moment_of_a_turn_about_p_cf
 
     assert wrench(Twist(0.0, 2.0, 0.0)) == pytest.approx((0, 1, center[0]))
     assert surface.wrench(Twist(0.0, 2.0, 0.0)) == pytest.approx((0, 1, center[0]))
-    about_center = Twist(center[1], -center[0], 1.0)
-    turn = wrench(about_center)
+    turn = wrench(Twist(center[1], -center[0], 1.0))
     assert turn[:2] == pytest.approx((0, 0), abs=1e-12)
     # at p_CF the support itself leaves a small force
-    nearly = Twist(center[1] + 1e-9, -center[0], 1.0)
-    fx, fy, m = surface.wrench(nearly)
+    fx, fy, m = surface.wrench(Twist(center[1] + 1e-9, -center[0], 1.0))
     assert turn.m == pytest.approx(m - cross(center, (fx, fy)), rel=1e-6)
 
 
