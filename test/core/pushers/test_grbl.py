@@ -49,7 +49,8 @@ class Peer:
         for byte in data:
             one = bytes((byte,))
             if one == b"?":
-                self.say(self.status and self.status + "\r\n")
+                status = self.status() if callable(self.status) else self.status
+                self.say(status and status + "\r\n")
                 continue
             self.heard += one
             if one == b"\x18":
@@ -285,6 +286,14 @@ def test_a_port_where_nothing_answers(peer, monkeypatch):
     assert not pusher.busy
 
 
+def test_a_place_that_is_never_the_same_twice_ends_the_connection(peer, monkeypatch):
+    monkeypatch.setattr("pushfric_core.pushers.serial_pusher.REST_TIMEOUT", 0.3)
+    pusher, places = driver(peer.port), itertools.cycle(("0.000", "0.003"))
+    peer.status = lambda: f"<Idle|MPos:{next(places)},0.000,0.000|FS:0,0>"
+    pusher.connect()
+    fail(pusher, NotConnected, r"no two reports in a row gave the same place at rest within 0\.3 s", peer)
+
+
 def test_an_old_grbl_is_refused(peer):
     with pytest.raises(NotConnected, match=r"Grbl 0\.9j at .* is too old, expected Grbl 1\.1"):
         connect(peer, "\r\nGrbl 0.9j ['$' for help]\r\n")
@@ -514,7 +523,7 @@ def test_a_controller_that_does_not_report_is_not_said_to_stand_still(peer):
 
 def test_a_jog_that_stands_still_is_held(peer):
     """On grblHAL, a door that opens at the end of a jog leaves the state Jog, for ever."""
-    pusher = under_way(peer, silence=1.0)
+    pusher = under_way(peer, silence=3.0)
     fail_and_rest(pusher, Held, "the pusher stands still at 0.0005 m", peer)
     pusher.recover()
     rest(pusher, peer, IDLE.replace("0.000", "0.500", 1))
@@ -593,7 +602,14 @@ def test_a_door_that_opens_during_a_stop_asks_a_person(peer):
     assert pusher.doubt == "held at the controller: it reports Door"
 
 
-def test_a_door_that_opens_during_the_reset_of_a_stop_asks_a_person_at_once(peer):
+@pytest.mark.parametrize(
+    ("status", "doubt"),
+    [
+        ("<Door:0|MPos:0.610,0.000,0.000|FS:0,0|Pn:D>", "held at the controller: it reports Door"),
+        (IDLE.replace("MPos:0", "MPos:9"), "cannot be believed: it was at 0.0006 m and then, at once, at 0.0090 m"),
+    ],
+)
+def test_what_happens_during_the_reset_of_a_stop_asks_a_person_at_once(peer, status, doubt):
     """Once, the position counted as known until the reset gave up: by then, a motor without its supply was elsewhere."""
     pusher = connect(peer)
     peer.replies[b"$G"] = ""  # behind an open door, it reads no line
@@ -601,13 +617,13 @@ def test_a_door_that_opens_during_the_reset_of_a_stop_asks_a_person_at_once(peer
     pusher.stop()
     peer.status = "<Hold:0|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: b"\x18" in peer.heard, peer)
-    peer.status = IDLE
+    peer.status = "<Idle|MPos:0.610,0.000,0.000|FS:0,0>"
     drive(pusher, lambda: b"$G" in peer.heard, peer)
     assert pusher.doubt is None
-    peer.status = "<Door:0|MPos:0.610,0.000,0.000|FS:0,0|Pn:D>"
+    peer.status = status
     seen = pusher.axis.statuses
-    drive(pusher, lambda: pusher.axis.statuses > seen + 1, peer)
-    assert pusher.doubt == "held at the controller: it reports Door"
+    drive(pusher, lambda: pusher.axis.statuses > seen + 4, peer)
+    assert pusher.doubt.endswith(doubt)
 
 
 def test_a_line_that_fluidnc_kept_is_not_carried_out_after_the_reset(peer):

@@ -330,7 +330,9 @@ class Driver(ABC):
     def _judge(self) -> None:
         """Raise what was heard means for the connection; during a reset, alarms and silence are expected."""
         trouble, self._trouble = self._trouble, None
-        if isinstance(trouble, Halted if Phase.BRAKING in self._state else Held) and self._state & STOPPING:  # it stops anyway
+        # it stops anyway; in the reset, the controller may lose its position
+        foreseen = Halted if Phase.BRAKING in self._state else Held | Jumped
+        if isinstance(trouble, foreseen) and self._state & STOPPING:
             self.suspect(str(trouble))
             trouble = None
         if not self._connected or self._state & {Phase.RESETTING, Phase.RECOVERING}:

@@ -23,6 +23,7 @@ from pushfric_core.pushers.stroke import Stroke
 
 ANSWER_TIMEOUT = 3.0  # [s], as all below
 HOMING_TIMEOUT = 180.0
+REST_TIMEOUT = 30.0  # for a pusher that moves when it is found, and is held
 ASK_EVERY = 0.05  # while a script waits for reports
 ASK_MOVING = 0.025  # in a stroke
 ASK_AGAIN = 0.25  # a question that was not answered
@@ -267,8 +268,11 @@ class SerialPusher(Driver):
 
     def come_to_rest(self) -> Generator[None, None, StatusReport]:
         """Hold a moving pusher, at its first report, and wait until it rests; with only_look, do neither."""
+        deadline = clock() + REST_TIMEOUT
         status = self.axis.status or (yield from self.report())
         while True:
+            if clock() > deadline:
+                raise Timeout(f"no two reports in a row gave the same place at rest within {REST_TIMEOUT:g} s")
             before = self.axis.place
             if not moves(status):
                 again = yield from self.report()

@@ -518,4 +518,4 @@ class SimulatedGrbl(SerialController):
 
     @property
     def _acceleration(self) -> float:
-        return float(self._settings[120])
+        return max(float(self._settings[120]), 1e-3)
