@@ -224,10 +224,42 @@ def test_the_cameras_file_gets_the_table_and_stays_as_it_is(tmp_path):
         printed("calibrate", "lens", tmp_path, "--out", file)
 
 
-def test_a_file_of_a_single_picture_is_a_picture(tmp_path):
-    cv2.imwrite(str(tmp_path / "one.png"), np.zeros((48, 64), np.uint8))
-    with DeviceFrames(str(tmp_path / "one.png")) as frames:
+def test_exact_points_seen_straight_from_above_are_not_mirrored():
+    """For these, OpenCV's solver for planes gives a wrong pose."""
+    camera = Camera.looking_down(640, 480, (0.16, 0.12), 0.0005)
+    points = np.array([(x, y) for x in (0.0, 0.1, 0.2) for y in (0.0, 0.1, 0.2)])
+    found = calibrate_table(camera, [View(np.arange(9), points, camera.project(points))])
+    np.testing.assert_allclose(found.camera.unproject(grid()), camera.unproject(grid()), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["one.png", "photo[1].png", "shots[2]/", "h?x/"])
+def test_a_file_or_folder_is_read_whatever_its_name(tmp_path, name):
+    path = tmp_path / f"{name}a.png" if name.endswith("/") else tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    cv2.imwrite(str(path), np.zeros((48, 64), np.uint8))
+    with DeviceFrames(str(tmp_path / name)) as frames:
         assert (frames.pictures, len(list(frames))) == (True, 1)
+
+
+@pytest.mark.parametrize("source", ["http://localhost:1/a.mjpg?size=640", "4294967296"])
+def test_an_address_is_no_pattern_and_a_large_number_no_camera(source):
+    with pytest.raises(InvalidInput, match="no camera at "), DeviceFrames(source):
+        pass
+
+
+def test_a_picture_that_is_too_large_costs_only_itself(tmp_path, monkeypatch):
+    read = cv2.imread
+    for name in "abc":
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros((48, 64), np.uint8))
+
+    def refuse_b(path, flags):
+        if path.endswith("b.png"):
+            raise cv2.error("pixels <= CV_IO_MAX_IMAGE_PIXELS")
+        return read(path, flags)
+
+    monkeypatch.setattr(cv2, "imread", refuse_b)
+    with DeviceFrames(str(tmp_path)) as frames:
+        assert (len(list(frames)), frames.unread) == (2, ["b.png"])
 
 
 @pytest.mark.parametrize(

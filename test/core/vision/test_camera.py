@@ -105,6 +105,8 @@ def test_a_lens_without_a_table(tmp_path):
     assert (lens.width, lens.height, lens.K[0, 0], lens.D[0]) == (640, 480, 1280, -0.1)
     with pytest.raises(InvalidInput, match="table_homography must hold"):
         load_camera(path)
+    with pytest.raises(InvalidInput, match="aaa: no such file"):
+        load_camera(tmp_path / ("a" * 300))
     save_camera(lens, tmp_path / "same.yaml")
     assert "table_homography" not in yaml.safe_load((tmp_path / "same.yaml").read_text())
     np.testing.assert_array_equal(load_lens(tmp_path / "same.yaml").K, lens.K)

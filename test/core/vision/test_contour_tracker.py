@@ -148,6 +148,11 @@ def test_what_cannot_be_tracked_is_refused():
     for image in (np.zeros((480, 641), np.uint8), np.zeros((480, 640)), np.zeros((480, 640, 3), np.uint8)):
         with pytest.raises(ValueError, match=r"image must be uint8 of shape \(480, 640\)"):
             seen.track(image)
+    bent = np.full((480, 640), 20, np.uint8)
+    bent[60:67, 60:461] = bent[60:300, 60:67] = 140
+    bent[85:295, 85:455] = 255  # something brighter, in the box of what is no object
+    with pytest.raises(NotSeen, match=r"outline does not fit: it looks \d+"):
+        seen.track(bent)
     with pytest.raises(InvalidInput, match="too small or thin for the tracker: 6 px wide"):
         ContourTracker(Camera.looking_down(640, 480, (0.0, 0.0), 0.01), SHAPES["rectangle"], HEIGHT)
 

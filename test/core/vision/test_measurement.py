@@ -136,3 +136,11 @@ def test_what_is_no_tip_is_refused():
         measure_tip(STRAIGHT, POSITIONS, block, 0.003)
     with pytest.raises(InvalidInput, match="expected pictures of 4 or more stroke positions, ascending"):
         measure_tip(STRAIGHT, POSITIONS[::-1], still, 0.003)
+    for positions, radius in ((np.square(POSITIONS), 0.003), ([*POSITIONS[:11] / 3, 0.05, 0.06], 0.01), (POSITIONS, 0.0)):
+        with pytest.raises(InvalidInput, match=r"of them \d+\.\d mm or more from the first; the tip's radius is"):
+            measure_tip(STRAIGHT, positions, still, radius)
+    images = strokes(STRAIGHT, TIP, (0.1, 0.05), 0.0, 0)
+    with pytest.raises(InvalidInput, match="the front of what moves is not round"):  # a picture is there twice
+        measure_tip(STRAIGHT, POSITIONS, [*images[:-2], images[0], images[-1]], 0.003)
+    found, behind = (measure_tip(STRAIGHT, at, images, 0.003) for at in (POSITIONS, np.subtract(POSITIONS, POSITIONS[-1])))
+    np.testing.assert_allclose(behind.line_origin - POSITIONS[-1] * behind.line_direction, found.line_origin, atol=1e-9)

@@ -157,10 +157,12 @@ def calibrate_table(lens: Lens, placements: Sequence[View]) -> TableCalibration:
     found, turns, shifts, _ = cv2.solvePnPGeneric(solid, pixels, lens.K, lens.D, flags=cv2.SOLVEPNP_IPPE)
     if not found or not np.isfinite((turns, shifts)).all():
         raise InvalidInput(ON_A_LINE)
+    # a plane that is seen exactly from straight above may get a wrong pose
+    _, more_turns, more_shifts, _ = cv2.solvePnPGeneric(solid, pixels, lens.K, lens.D, flags=cv2.SOLVEPNP_SQPNP)
     # from a distance, a plane tilted the other way looks nearly the same
     fits: list[tuple[Any, Camera]] = []
     refused: InvalidInput | None = None
-    for pose in zip(turns, shifts, strict=True):
+    for pose in zip([*turns, *more_turns], [*shifts, *more_shifts], strict=True):
         try:
             fit = _fit(lens, placements, *pose)
             fits.append((fit, _camera(lens, fit.x)))

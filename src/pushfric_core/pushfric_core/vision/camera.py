@@ -1,6 +1,7 @@
 """A calibrated camera over the table: its lens, and where table points appear in its image."""
 
 import math
+import os
 import pathlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -261,7 +262,7 @@ def picture_from(data: npt.NDArray[np.uint8], format_: str) -> Image:
 
 def _loaded(path: str | pathlib.Path, read: Callable[[dict[str, Any]], Loaded]) -> Loaded:
     path = pathlib.Path(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise InvalidInput(f"{path}: no such file; ./pushfric calibrate makes it, and docs/tutorial.md has one for simulations")
     fields = yaml_content(path)
     if not isinstance(fields, dict):

@@ -192,7 +192,7 @@ class ContourTracker:
         table = float(np.median(part[around == 0])) if (around == 0).any() else float(part.min())
         bright = float(np.median(part[inside > 0])) if inside.any() else float(part.max())
         share = (part[around > 0].astype(float) - table) / max(bright - table, 1.0)
-        return float(share.sum()) * self._pixel**2
+        return max(float(share.sum()), 0.0) * self._pixel**2  # beside something brighter, it is negative
 
     def _coarse_poses(self, blob: Array, heading: float) -> list[Pose]:
         """Poses in which the outline matches a blob's (m, 2) about equally well, one for each orientation that looks different.

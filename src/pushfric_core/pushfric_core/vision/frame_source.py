@@ -3,6 +3,7 @@
 import glob
 import itertools
 import math
+import os
 import pathlib
 import threading
 import time
@@ -56,8 +57,9 @@ class Device(threading.Thread):
     @property
     def pictures(self) -> bool:
         """Whether each frame is a picture of its own: one file, or from a folder or a glob."""
-        path = pathlib.Path(self._source)
-        return path.is_dir() or glob.has_magic(self._source) or (path.is_file() and cv2.haveImageReader(self._source))
+        if os.path.isfile(self._source):
+            return cv2.haveImageReader(self._source)
+        return os.path.isdir(self._source) or ("://" not in self._source and glob.has_magic(self._source))
 
     @property
     def live(self) -> bool:
@@ -89,8 +91,8 @@ class Device(threading.Thread):
     def _open(self) -> tuple[Callable[[], Image | None], float]:
         """A function that returns the next frame, or None at the end, and the time between frames [s]; 0 for a camera."""
         if self.pictures:
-            pattern = f"{self._source}/*" if pathlib.Path(self._source).is_dir() else self._source
-            frames = self._pictures(sorted(glob.glob(pattern)))
+            here = glob.escape(self._source) if os.path.exists(self._source) else self._source
+            frames = self._pictures(sorted(glob.glob(f"{here}/*" if os.path.isdir(self._source) else here)))
             first = next(frames, None)
             if first is None:
                 raise InvalidInput(f"no pictures at {self._source!r}: expected {ACCEPTED}")
@@ -98,7 +100,8 @@ class Device(threading.Thread):
             return lambda: next(sequence, None), PICTURE_PERIOD
         # OpenCV would print several lines; the error below is one line
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-        self._capture = capture = cv2.VideoCapture(int(self._source) if self._source.isdecimal() else self._source)
+        index = self._source.isdecimal() and len(self._source) < 10
+        self._capture = capture = cv2.VideoCapture(int(self._source) if index else self._source)
         if not capture.isOpened():
             there = ", ".join(sorted(glob.glob("/dev/video*"))) or "none"
             raise InvalidInput(f"no camera at {self._source!r}: expected {ACCEPTED}; cameras of this machine: {there}")
@@ -112,7 +115,10 @@ class Device(threading.Thread):
 
     def _pictures(self, paths: list[str]) -> Iterator[Image]:
         for path in paths:
-            picture = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+            try:
+                picture = cv2.imread(path, cv2.IMREAD_GRAYSCALE)
+            except cv2.error:  # it has too many pixels
+                picture = None
             (self.unread if picture is None else self.names).append(pathlib.Path(path).name)
             if picture is not None:
                 yield picture

@@ -22,8 +22,8 @@ LEAST_PICTURES = 4
 """Fewer positions would not show errors."""
 LEAST_CHANGE = 12.0
 """The tip must differ from the table by this [grey levels]; a strip of paper under a dark tip helps."""
-LEAST_STROKE = 4.0
-"""The first and the last position must be this many radii apart."""
+LEAST_STROKE, WHOLE = 4.0, 2.5
+"""The first and the last position must be this many radii apart, and pictures this many from the first."""
 NOT_ROUND_PX = 0.5
 """A front that deviates from a circle by more than this (rms) is not round."""
 LEAST_POINTS, ROUND_SHARE = 6, 0.7
@@ -80,14 +80,17 @@ def measure_tip(
         raise InvalidInput(
             f"expected pictures of {LEAST_PICTURES} or more stroke positions, ascending; got {len(images)} of {len(at)}"
         )
-    if np.ptp(at) < LEAST_STROKE * radius:
+    reach = float(np.ptp(at))
+    apart = at - at[0] >= WHOLE * radius  # nearer to the first place, the change since then is no whole front
+    if not reach >= LEAST_STROKE * radius > 0 or np.count_nonzero(apart) < LEAST_PICTURES - 1:
         raise InvalidInput(
-            f"the stroke positions lie within {1e3 * np.ptp(at):.1f} mm, expected {1e3 * LEAST_STROKE * radius:.1f} mm or more"
+            f"the stroke positions lie within {1e3 * reach:.1f} mm, expected {1e3 * LEAST_STROKE * radius:.1f} mm or more, and"
+            f" {LEAST_PICTURES - 1} of them {1e3 * WHOLE * radius:.1f} mm or more from the first;"
+            f" the tip's radius is said to be {1e3 * radius:g} mm"
         )
     smooth = [cv2.GaussianBlur(image, (0, 0), _BLUR_PX).astype(float) for image in images]
     first, middle, last = smooth[0], smooth[len(smooth) // 2], smooth[-1]
     ahead = _ahead(camera, middle - first, last - middle)
-    apart = at - at[0] >= 2.5 * radius  # nearer to the first place, the change since then is no whole front
     circles = [_front(camera, np.abs(one - first), ahead, radius) for one in np.array(smooth)[apart]]
     seen = float(np.median([circle.radius for circle in circles]))
     circles = [circle.with_radius(seen) for circle in circles]
@@ -103,16 +106,16 @@ def measure_tip(
                 f" as if the tip were {1e3 * height:.0f} mm over the table: check the controller's steps per millimetre"
                 " (docs/hardware.md), and the table's calibration; or say how high the tip is"
             )
-    ends = camera.lifted([line.origin, line.origin + at[-1] * line.velocity], height)
+    ends = camera.lifted([line.origin, line.origin + reach * line.velocity], height)
     way = ends[1] - ends[0]
     length = float(np.hypot(*way))
-    shrunk = length / (at[-1] * float(np.hypot(*line.velocity)))
+    shrunk = length / (reach * float(np.hypot(*line.velocity)))
     if line.rms * shrunk > OFF_LINE:
         raise InvalidInput(
             f"the tip does not move along a line at the positions given: it is {1e3 * line.rms * shrunk:.2f} mm off (rms);"
             " did anything else move, such as a hand or a cable?"
         )
-    return TipMeasurement(ends[0], way / length, seen * shrunk, height, length / at[-1], line.rms * shrunk, centers)
+    return TipMeasurement(ends[0], way / length, seen * shrunk, height, length / reach, line.rms * shrunk, centers)
 
 
 class _Line(NamedTuple):
@@ -173,6 +176,8 @@ class _Circle(NamedTuple):
 
 def _front(camera: Camera, change: Array, ahead: Array, radius: float) -> _Circle:
     """The circle at the front of what changed since the pusher was at its first position."""
+    if not change.any():  # the same picture twice
+        raise InvalidInput(NOT_ROUND)
     strong = float(np.percentile(change[change > _NOISE_SHARE * change.max()], 50))
     points = camera.unproject(_level_points(change, _NOISE_SHARE * strong))
     across = np.array((-ahead[1], ahead[0]))
