@@ -58,11 +58,12 @@ def test_observations_as_a_table_are_read_again(tmp_path):
     last = frame.iloc[-1]
     assert (last["push_id"], last["stamp"], last["duration"], last["depth"]) == (7, 123456789, 0.3, 2 / 7000)
     assert tuple(last[["pose_x", "pose_y", "pose_theta"]]) == (0.1, 0.2, -0.3)
-    frame.to_csv(tmp_path / "pushes.csv", index=False)
-    read = load(tmp_path / "pushes.csv", object="rubber_rect4")
-    names = ["contact_point", "contact_normal", "twist", "push_id", "half_width", "force", "tip_velocity"]
+    frame.to_csv(tmp_path / "pushes.CSV", index=False)
+    read = load(tmp_path / "pushes.CSV", object="rubber_rect4")
+    names = ["contact_point", "contact_normal", "twist", "push_id", "half_width", "force", "tip_velocity", "duration"]
     for one, another in zip(read, [*DATA, full], strict=True):
         assert all(getattr(one, name) == getattr(another, name) for name in names)
+    assert read[-1].depth == full.depth
     pandas.testing.assert_frame_equal(read.to_frame().iloc[:, :13], frame.iloc[:, :13], check_exact=True)
 
 

@@ -21,7 +21,7 @@ from pushfric_core.trajectories.observation import Observation, check_half_width
 
 REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
 PAIRS = (("force_x", "force_y"), ("tip_vx", "tip_vy"))
-OPTIONAL = ("half_width", *PAIRS[0], *PAIRS[1])
+OPTIONAL = ("half_width", *PAIRS[0], *PAIRS[1], "duration", "depth")
 NAMES = {
     "contact_point": "contact_x, contact_y",
     "contact_normal": "normal_x, normal_y",
@@ -134,6 +134,9 @@ def read_observations(path: pathlib.Path, outline: Outline) -> list[Observation]
 def _observation(row: CsvRow, outline: Outline) -> Observation:
     number, where = row.number, row.where
 
+    def optional(name: str) -> float | None:
+        return number(name) if row.texts.get(name) else None
+
     def pair(x: str, y: str) -> tuple[float, float] | None:
         return (number(x), number(y)) if row.texts.get(x) or row.texts.get(y) else None
 
@@ -146,9 +149,11 @@ def _observation(row: CsvRow, outline: Outline) -> Observation:
             contact_normal=(number("normal_x"), number("normal_y")),
             twist=Twist(number("vx"), number("vy"), number("omega")),
             push_id=int(push_id),
-            half_width=number("half_width") if row.texts.get("half_width") else 0.0,
+            half_width=optional("half_width") or 0.0,
+            duration=optional("duration"),
             force=pair("force_x", "force_y"),
             tip_velocity=pair("tip_vx", "tip_vy"),
+            depth=optional("depth"),
         )
         observation.check_contact(outline)
     except InvalidInput:
@@ -157,7 +162,8 @@ def _observation(row: CsvRow, outline: Outline) -> Observation:
         raise InvalidInput(f"{where}: {as_named_here(error, NAMES)}") from error
     nearest = outline.nearest(observation.contact_point)
     # a measured contact says where the tip was
-    return observation if nearest.edge is None else replace(observation, depth=-nearest.distance)
+    measured = observation.depth is None and nearest.edge is not None
+    return replace(observation, depth=-nearest.distance) if measured else observation
 
 
 CONTACT = ("contact_x", "contact_y", "normal_x", "normal_y")

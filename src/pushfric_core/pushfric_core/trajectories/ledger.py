@@ -39,7 +39,7 @@ REASONS = {
     TOO_FEW: "the frames of a push were too few in a row, or too slow",
     BETWEEN_FRAMES: "other pusher states lie nearer to the poses",
     NOT_SEEN: "no pose came during this part of the push",
-    NO_PARTNER: "there is no pusher state on both sides; a wrench: no observation was made at its time",
+    NO_PARTNER: "there is no pusher state on both sides",
     NOT_JUDGED: "in a push of an object whose outline is not known",
     AHEAD: "its stamp lies ahead of those that follow, or far ahead",
     OUT_OF_ORDER: "its stamp does not lie after that of an earlier message",
@@ -50,7 +50,7 @@ REASONS = {
     LEFT_OUT: "its push is unlike the others",
     WAITING: "it was not judged yet",
     ABORTED: "it did not reach its end",
-    NO_OBSERVATION: "it gave no observation",
+    NO_OBSERVATION: "it gave no observation, or a wrench found none",
 }
 """Meaning of each account."""
 
