@@ -102,6 +102,9 @@ def test_a_radius_that_is_too_large_to_be_useful_is_told():
     assert reason.code == "uncertain"
     assert f"only known to within {1e3 * estimate.confidence:.1f} mm" in reason.text
     assert Estimator(FEET.truth.points).add(data).verdict.use
+    still = [replace(one, tip_velocity=(0.0, 0.0)) for one in data[:5]]
+    (reason,) = Estimator(FEET.truth.points).add(still).verdict.reasons  # no tip moves into the object
+    assert (reason.code, reason.text.partition(",")[0]) == ("uncertain", "p_CF is not known")
 
 
 @pytest.mark.parametrize("pushes", [1, 2, 3])

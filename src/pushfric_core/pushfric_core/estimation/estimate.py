@@ -50,7 +50,6 @@ class Estimate:
         center_given: the centre of friction is one of the hard constraints (eq. 13).
         lack: why the pushes do not show how far p_CF is off; None if they vary enough.
         tip: what was seen and measured of the pusher's tip at each contact.
-        moment_error: mean moment error of an observation [m, unit force]; None if the fit has other terms or another loss.
         observations: those that it rests on; in order of arrival, except that those of a push that came back are the last.
         rejected: the pushes that are left out because the others contradict them, each with the reason.
         outline: of the object; None: the estimator does not know it.
@@ -80,7 +79,6 @@ class Estimate:
     center_given: bool = False
     lack: Reason | None = None
     tip: Tip | None = None
-    moment_error: float | None = None
     observations: Observations = field(default_factory=Observations, compare=False)
     rejected: tuple[Rejected, ...] = ()
     outline: Outline | None = field(default=None, compare=False)
@@ -252,5 +250,5 @@ def friction_model(estimate: Estimate) -> FrictionModel:
         (1, 3)
     """
     if estimate.belief is None:
-        raise UninformativePush("no friction model: in no observation the tip or the contact moves into the object")
+        raise UninformativePush("no friction model: the tip or the contact never moves into the object, or p_CF is given")
     return estimate.belief

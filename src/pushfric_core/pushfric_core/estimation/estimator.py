@@ -139,11 +139,6 @@ class EstimatorConfig:
             raise ValueError("tie_break cannot act with the term force, whose scale leaves no ties; leave it to auto")
 
     @property
-    def moments_alone(self) -> bool:
-        """Whether the objective is a sum of moments."""
-        return self.terms == ("moment",) and self.loss is Loss.L1 and math.isinf(self.pull_penalty)
-
-    @property
     def _own(self) -> list[str | Constraint]:
         return [term for term in self.terms if isinstance(term, Constraint) or term not in list(TERMS)]
 
@@ -401,7 +396,6 @@ class Estimator:
             self._center is not None,
             self._excitation.lack(pushes),
             self._contacts.tip,
-            solution.objective / data_points if self.config.moments_alone and data_points else None,
             Observations(self._listed, data_points),
             self.rejected,
             self.outline,

@@ -90,12 +90,10 @@ def verdict_on(estimate: "Estimate", judgement: Judgement) -> Verdict:
     else:
         notes.append(tip.reason)
     lack = [] if estimate.lack is None else [estimate.lack]
-    if not (wrong or lack or change) and estimate.useful_radius < radius < math.inf:
-        text = (
-            f"p_CF is only known to within {1e3 * radius:.1f} mm, and {1e3 * estimate.useful_radius:.1f} mm are asked for: "
-            "push more, at other places and on other sides"
-        )
-        lack = [Reason("uncertain", text)]
+    if not (wrong or lack or change or estimate.center_given) and estimate.useful_radius < radius:
+        known = "not known" if math.isinf(radius) else f"only known to within {1e3 * radius:.1f} mm"
+        asked = f"p_CF is {known}, and {1e3 * estimate.useful_radius:.1f} mm are asked for"
+        lack = [Reason("uncertain", f"{asked}: push more, at other places and on other sides")]
     rejected = sorted({*estimate.rejected, *doubts.rejected})
     return Verdict((*wrong, *lack), tuple(rejected), change, tuple(notes))
 
