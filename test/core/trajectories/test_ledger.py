@@ -118,8 +118,12 @@ def test_every_sample_ends_in_one_account(seed, wild, stops, window, stride, for
 @settings(derandomize=True, max_examples=100, deadline=None)
 @given(stamps=st.lists(st.integers(-(2**62), 2**62) | st.integers(0, 50), max_size=60), distinct=st.booleans())
 def test_a_stream_returns_stamps_in_order_and_counts_all(stamps, distinct):
-    stream = Stream(distinct)
+    stream, asked = Stream(distinct), Stream(distinct)
     known = [one.stamp for number, stamp in enumerate(stamps) for one in stream.take(ForceSample(stamp, (number, 0.0)))]
+    for number, stamp in enumerate(stamps):
+        asked.take(ForceSample(stamp, (number, 0.0)))
+        asked.close(Ledger(), POSES, 0)  # to ask changes nothing
+    assert vars(asked) | {"account": None} == vars(stream) | {"account": None}
     assert known == sorted(known)
     assert not distinct or len(set(known)) == len(known)
     ledger = Ledger()

@@ -269,10 +269,10 @@ class Course:
         ids = [one.push_id for one in self.pushes]
         if not ended:  # what became of the push before the newest one may not be known yet
             ids = ids[:1] if planned.number is None else ids[: max(1, len(ids) - 1)]
-        for before, missing in _missing_ids(ids, planned):
+        for before, first, last, number in _missing_ids(ids, planned):
             stamp = max((one.last.stamp for one in self.pushes if one.push_id == before), default=self.pushes[0].first.stamp)
-            text = f"{_named(missing, planned)} {'is' if len(missing) == 1 else 'are'} missing: the ids of the pushes jump"
-            yield Doubt(DoubtCode.PUSHES_MISSING, text, stamp, observations(usual) * len(missing))
+            text = f"{_named([first, last], planned)} {'is' if number == 1 else 'are'} missing: the ids of the pushes jump"
+            yield Doubt(DoubtCode.PUSHES_MISSING, text, stamp, observations(usual) * number)
 
 
 def _common(poses: Iterable[Pause], states: Iterable[Pause]) -> list[tuple[int, int]]:
@@ -282,8 +282,8 @@ def _common(poses: Iterable[Pause], states: Iterable[Pause]) -> list[tuple[int, 
     return [(begin, end) for begin, end in both if end - begin > COMMON * NANOSECONDS]
 
 
-def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, list[int]]]:
-    """The ids that are missing from those of some pushes, each time with the one before them.
+def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, int, int, int]]:
+    """The ids that are missing from those of some pushes: each time the one before them, the first, the last, and how many.
 
     The id of a repeated push grows by the number of the plan's pushes, so that smaller ones follow. Where none follows, and the
     plan is not known, a push that is repeated once or twice is taken for its last one. An id that comes again begins another
@@ -314,8 +314,9 @@ def _missing_ids(ids: Sequence[int], planned: Planned) -> Iterator[tuple[int, li
                 if last > 0 and all((one - last) % (last + 1) == 0 for one in run if one > last):
                     run = [one for one in run if one <= last]
         for before, after in pairwise(run):
-            if missing := [one for one in range(before + 1, after) if one not in left_out]:
-                yield before, missing
+            if number := after - before - 1 - sum(before < one < after for one in left_out):  # there may be billions
+                first = next(one for one in range(before + 1, after) if one not in left_out)
+                yield before, first, next(one for one in range(after - 1, before, -1) if one not in left_out), number
 
 
 def _named(ids: Collection[int], planned: Planned) -> str:

@@ -123,6 +123,7 @@ class Stream(Generic[Sample]):
                 counts as wild.
         """
         account = Account(self.account.received, self.account.ended.copy())
+        noted = self._farthest.copy(), self._since.copy()
         for sample in self._held:
             wild = until is not None and self.last is not None and sample.stamp > until + LONGEST_END_SKEW * NANOSECONDS
             account.end(AHEAD if wild else WAITING)
@@ -139,6 +140,7 @@ class Stream(Generic[Sample]):
                 off = f"{'up to ' if number > 1 else ''}{seconds(self._farthest[reason])} {how}"
                 off = off if self._farthest[reason] else "like another that came first"
                 ledger.doubt(code, f"{what} stamped {off}, and left out", self._since[reason])
+        self._farthest, self._since = noted  # more may come, and show that those held count
 
     def take(self, sample: Sample) -> list[Sample]:
         """Take a sample, and return those that now count, in order of time."""
