@@ -326,9 +326,11 @@ def test_counts_that_no_checksum_vouches_for_are_not_believed(tmp_path, rng):
 def test_recovery_takes_the_object_along(tmp_path):
     write_texts(tmp_path / "bag", 1)
     (tmp_path / "bag/object.yaml").write_text("name: plate")
+    (tmp_path / "bag/camera.yaml").touch()
     for path, out in ((tmp_path / "bag", tmp_path / "a"), (mcap_of(tmp_path / "bag"), tmp_path / "b")):
         assert recover(path, out).summary.message_count == 1
         assert (out / "object.yaml").read_text() == "name: plate"
+        assert (out / "camera.yaml").exists()
 
 
 @pytest.mark.parametrize("size", [0, 20_000])

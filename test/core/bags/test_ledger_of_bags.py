@@ -13,6 +13,7 @@ from rich.console import Console
 from semantic_damage import DAMAGES, SECOND, STREAM_DAMAGES, STREAMS, Recording, damaged
 
 from pushfric_core import InvalidInput, Outline, TrajectoryConfig, load
+from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.recorded import Recorded
 from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.files.object_file import load_object
@@ -218,6 +219,7 @@ def each(recording, topic, step, since=0):
         (lambda bag: renamed(bag, {6: 13, 13: 6}), "push 6 is missing: the ids of the pushes jump"),
         (lambda bag: renamed(bag, {3: 10, 10: 3}), "push 3 is missing: the ids of the pushes jump"),
         (lambda bag: renamed(bag, {3: 14}, sum(bag.span_of(3)) // 2), "the beginning of push 14 is missing"),
+        (lambda bag: renamed(bag, {13: 2_000_000_000}), "pushes 13 to 1999999999 are missing: the ids of the pushes jump"),
         (lambda bag: each(bag, STATE, 20), "pusher states came in the "),
         (lambda bag: each(bag, POSE, 4, 435), "poses of pushes did not come"),
     ],
@@ -339,6 +341,23 @@ def test_only_a_bag_of_something_adds_up(recording, tmp_path):
     assert Recorded(bag).ledger() is None
     assert "holds nothing of a cell" in told("bag", "verify", bag, code=0)
     assert "holds no messages" in told("bag", "verify", recording.write(tmp_path / "empty", []))
+
+
+def test_a_topic_of_two_types_is_counted_and_doubted(recording, tmp_path):
+    kinds = [("/cell/object_pose", f"geometry_msgs/msg/Pose{kind}Stamped") for kind in ("WithCovariance", "")]
+    with BagWriter(tmp_path / "bag") as writer:
+        for count, (name, kind) in enumerate(
+            [*kinds, ("/cell/pusher_state", "pushfric_msgs/msg/PusherState"), ("/a\x1b[31m", "std_msgs/msg/String")]
+        ):
+            writer.add_topic(name, kind, [])
+            for stamp in range(count):
+                writer.write(name, stamp, b"\0\1\0\0", kind)
+    assert "/cell/object_pose holds messages of geometry_msgs/msg/PoseStamped, expected" in told(
+        "bag", "verify", tmp_path / "bag"
+    )
+    run = json.loads(invoked("bag", "info", tmp_path / "bag", "--json", "-").stdout)
+    assert (run["topics"]["/cell/object_pose"], run["types"]["/cell/object_pose"]) == (1, ", ".join(kind for _, kind in kinds))
+    assert "\x1b" not in invoked("bag", "info", tmp_path / "bag").output
 
 
 def test_without_the_object_only_the_streams_are_checked(recording, tmp_path):

@@ -195,6 +195,7 @@ def test_malformed_messages_in_a_whole_bag_are_refused_one_by_one(tmp_path):
     refused: list[str] = []
     with pytest.raises(InvalidInput, match="its observations give no observation of rubber_rect4"):
         Recorded(tmp_path / "bag").read(load_object("rubber_rect4"), EstimatorSettings(), refused.append)
+    assert refused.pop().endswith("bag: 3 of 3 observations are refused: the values are impossible")
     assert len(refused) == 3
     assert all("not a pushfric_msgs/msg/Observation" in line for line in refused)
 

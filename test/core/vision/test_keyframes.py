@@ -2,12 +2,13 @@
 
 import csv
 import json
+import os
 import pathlib
 
 import cv2
 import numpy as np
 import pytest
-from calls import figures
+from calls import figures, invoked
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -83,3 +84,6 @@ def test_a_bag_of_others_is_tracked_with_the_settings_of_a_cell(foreign):
     cell["camera"]["threshold"] = 254
     (folder / "cell.yaml").write_text(json.dumps(cell))
     assert figures(*arguments)["seen"] == 0
+    (mcap,) = (folder / "bag").glob("*.mcap")
+    os.truncate(mcap, mcap.stat().st_size * 2 // 3)
+    assert "missing" in invoked(*arguments).stderr

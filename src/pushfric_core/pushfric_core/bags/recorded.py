@@ -64,6 +64,11 @@ def is_bag(folder: pathlib.Path) -> bool:
     return any(file for name in BAG_FILES for file in folder.glob(name))
 
 
+def is_csv(path: pathlib.Path) -> bool:
+    """Whether this is the name of a CSV of observations, not of a bag."""
+    return path.suffix.lower() == ".csv" and not path.is_dir()
+
+
 def bags_in(path: pathlib.Path) -> list[pathlib.Path]:
     """The bags in a folder that is not itself a bag, in order; otherwise none."""
     if not path.is_dir() or is_bag(path):
@@ -74,7 +79,7 @@ def bags_in(path: pathlib.Path) -> list[pathlib.Path]:
 def beside(path: pathlib.Path, name: str) -> pathlib.Path | None:
     """The file of this name in a bag's folder, such as OBJECT_FILE or PRIOR_FILE, if there is one."""
     file = (path if path.is_dir() else path.parent) / name
-    return file if path.suffix != ".csv" and file.is_file() else None
+    return file if not is_csv(path) and file.is_file() else None
 
 
 class Recorded:
@@ -95,7 +100,7 @@ class Recorded:
         check_source(path)
         self.path, self._namespace = path, namespace
         self.on_observation: Callable[[Observation], None] = lambda observation: None
-        self._bag = bag if bag is not None or path.suffix == ".csv" else _opened(path)
+        self._bag = bag if bag is not None or is_csv(path) else _opened(path)
 
     @property
     def settings(self) -> EstimatorSettings:
@@ -188,13 +193,14 @@ class Recorded:
                 warn(f"{path}: {note}")
             source = self.source(settings.with_forces)
             found, ledger, plan = self._account(bag, source, model, settings, warn)
+            for line in ledger.lines:
+                warn(f"{path}: {line}")
             if not found:
                 raise InvalidInput(f"{path}: its {source.kind} give no observation of {model.name}")
-        for push_id in sorted({*settings.excluded} - {*self.settings.excluded}):
+        named, known = ({*one.excluded, *one.kept, *one.slipping} for one in (settings, self.settings))
+        for push_id in sorted(named - known):
             if all(observation.push_id != push_id for observation in found):
-                raise InvalidInput(f"{path}: no observation of push {push_id}, which is to be left out")
-        for line in ledger.lines:
-            warn(f"{path}: {line}")
+                raise InvalidInput(f"{path}: no observation of push {push_id}, which is to be left out, kept, or said to slip")
         reading = Reading(found, settings.excluded, ledger, plan)
         if settings.with_forces and all(observation.force is None for observation in reading.observations):
             raise InvalidInput(f"{path}: no observation has a measured force, which the terms {', '.join(FORCE_TERMS)} need")
@@ -208,13 +214,11 @@ class Recorded:
         Raises:
             InvalidInput: the bag, or a file next to it, cannot be read.
         """
-        file, settings = beside(self.path, OBJECT_FILE), self.settings
-        try:
-            source = self.source(settings.with_forces)
-        except InvalidInput:
+        if self._bag is None or self._cell(self._bag) is None:
             return None
-        assert self._bag is not None
-        return self._account(self._bag, source, None if file is None else load_object(str(file)), settings, lambda _: None)[1]
+        file, settings = beside(self.path, OBJECT_FILE), self.settings
+        model, source = None if file is None else load_object(str(file)), self.source(settings.with_forces)
+        return self._account(self._bag, source, model, settings, lambda _: None)[1]
 
     def _account(
         self, bag: "Bag", source: ObservationSource, model: ObjectModel | None, settings: EstimatorSettings, warn: Warn

@@ -9,7 +9,7 @@ from pushfric_core.bags.contents import BEFORE, UNKNOWN_BEFORE, PathLike
 from pushfric_core.bags.recorded import beside
 from pushfric_core.bags.rosbag2_metadata import METADATA, Compressed
 from pushfric_core.errors import InvalidInput
-from pushfric_core.files.object_file import OBJECT_FILE, PRIOR_FILE
+from pushfric_core.files.object_file import CAMERA_FILE, OBJECT_FILE, PRIOR_FILE
 
 
 def recover(path: PathLike, out: PathLike) -> Bag:
@@ -17,7 +17,7 @@ def recover(path: PathLike, out: PathLike) -> Bag:
 
     Args:
         path: folder of a bag, or one of its files.
-        out: folder of the new bag; object.yaml and prior.yaml are copied into it.
+        out: folder of the new bag; object.yaml, prior.yaml and camera.yaml are copied into it.
     Raises:
         InvalidInput: `path` is not a bag, or the new bag cannot be written.
     """
@@ -35,7 +35,7 @@ def recover(path: PathLike, out: PathLike) -> Bag:
     new = BagWriter(out, damaged.numbered)
     try:
         with new as writer:
-            for name in (OBJECT_FILE, PRIOR_FILE):
+            for name in (OBJECT_FILE, PRIOR_FILE, CAMERA_FILE):
                 if (kept := beside(damaged.path, name)) is not None:
                     with writer.writing():
                         shutil.copyfile(kept, pathlib.Path(out) / name)

@@ -112,19 +112,18 @@ def observation_from_msg(msg: Any) -> Observation:
     """
     at, turn = msg.pose.position, msg.pose.orientation
     seen = _known(at.x, at.y, turn.x, turn.y, turn.z, turn.w) is not None
-    duration, depth = _known(msg.duration), _known(msg.depth)
     return Observation(
         contact_point=(msg.contact_point.x, msg.contact_point.y),
         contact_normal=(msg.contact_normal.x, msg.contact_normal.y),
         twist=Twist(msg.twist.linear.x, msg.twist.linear.y, msg.twist.angular.z),
         push_id=msg.push_id,
         half_width=msg.half_width,
-        duration=None if duration is None else duration[0],
+        duration=None if math.isnan(msg.duration) else msg.duration,
         stamp=stamp_from_msg(msg.header.stamp),
         pose=pose_from_msg(msg.pose) if seen else None,
         force=_known(msg.force.x, msg.force.y),
         tip_velocity=_known(msg.tip_velocity.x, msg.tip_velocity.y),
-        depth=None if depth is None else depth[0],
+        depth=None if math.isnan(msg.depth) else msg.depth,
     )
 
 

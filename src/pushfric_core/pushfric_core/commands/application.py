@@ -210,7 +210,7 @@ AUTO_VIEW = "auto"
 
 ADDRESS = re.compile(r"(?:(?P<host>\[[^\]]+\]|[^:/\s]+):)?(?P<port>[0-9]{1,5})")
 
-_JSON = STDOUT, re.compile(rf".*{re.escape(SUFFIX)}")
+_JSON = STDOUT, re.compile(rf"{STDOUT}|.*{re.escape(SUFFIX)}")
 
 ALONE = {"--json": _JSON, "--ledger": _JSON, "--view": (AUTO_VIEW, ADDRESS)}
 """The options that may stand without a value: the value that they have then, and what one looks like."""

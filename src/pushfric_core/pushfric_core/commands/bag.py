@@ -120,13 +120,14 @@ def _condition(checked: CheckedBag) -> dict[str, Any]:
     """The condition of a bag, as JSON: whether it is whole, what it holds, and what is missing."""
     bag, damage = checked.bag, checked.bag.damage
     gaps = [] if damage is None else damage.gaps
+    by_name = {topic.name: [one for one in bag.summary.topics if one.name == topic.name] for topic in bag.summary.topics}
     return {
         "whole": checked.whole,
         "start_ns": bag.summary.start_ns,
         "end_ns": bag.summary.end_ns,
         "messages": bag.summary.message_count,
-        "topics": {topic.name: topic.message_count for topic in bag.summary.topics},
-        "types": {topic.name: topic.type_name for topic in bag.summary.topics},
+        "topics": {name: sum(one.message_count for one in same) for name, same in by_name.items()},
+        "types": {name: ", ".join(one.type_name for one in same) for name, same in by_name.items()},
         "missing": {} if damage is None else damage.missing,
         "gaps": [gap._asdict() for gap in gaps],
         "contradictions": [] if damage is None else list(damage.contradictions),
@@ -181,4 +182,5 @@ def _print_damage(bag: Bag) -> None:
 
 def _show(line: Any) -> None:
     """Print a line, or a table, on stdout; names in a bag may hold control characters, which are left out."""
+    line = "".join(filter(str.isprintable, line)) if isinstance(line, str) else line
     Console(highlight=False, soft_wrap=True, markup=False).print(line)

@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from pushfric_core.bags.bag import Bag
+from pushfric_core.bags.recorded import beside
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import CameraConfig
 from pushfric_core.commands.application import Application
@@ -21,7 +22,7 @@ from pushfric_core.errors import InvalidInput
 from pushfric_core.files.disk import write_whole
 from pushfric_core.files.object_file import CAMERA_FILE
 from pushfric_core.offline.inputs import object_of
-from pushfric_core.offline.tracking import Retracked, calibration_beside, image_topic, track_again
+from pushfric_core.offline.tracking import Retracked, image_topic, track_again
 from pushfric_core.vision.camera import load_camera
 from pushfric_core.vision.sighting import TrackerDriver
 from pushfric_core.vision.tracker_settings import ContourConfig
@@ -57,8 +58,11 @@ def track(
             raise InvalidInput(f"{cell}: others track this cell's object, expected the section camera")
         driver, calibration = file.tracker, file.camera.calibration
         offset, height = file.camera.time_offset, file.camera.object_height
-    camera = load_camera(calibration or str(calibration_beside(source, CAMERA_FILE)))
-    bag = Bag(source)
+    if not (calibration or beside(source, CAMERA_FILE)):
+        raise InvalidInput(f"{source}: no {CAMERA_FILE}, the calibration, beside the bag; give --cell CELL.yaml")
+    camera, bag = load_camera(calibration or str(beside(source, CAMERA_FILE))), Bag(source)
+    if bag.damage is not None:
+        warn(bag.what_is_missing())
     found = track_again(bag, image_topic(bag, topic), driver.open_tracker(camera, model, height or model.height), offset)
     if not found.images:
         raise InvalidInput(f"{source}: no image on {found.topic}")

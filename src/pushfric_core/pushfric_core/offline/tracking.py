@@ -1,7 +1,6 @@
 """The images of a bag, tracked again: how the poses differ from the recorded ones, and what a tracker does not find."""
 
 import math
-import pathlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -102,15 +101,3 @@ def _poses(bag: Bag) -> Iterator[tuple[int, Pose]]:
             yield pose_sample_from_msg(bag.deserialize(message))
         except (ValueError, AttributeError):
             continue  # estimate says so; there is nothing to compare with
-
-
-def calibration_beside(bag: pathlib.Path, name: str) -> pathlib.Path:
-    """The calibration that a run has written into its bag's folder.
-
-    Raises:
-        InvalidInput: there is none.
-    """
-    beside = (bag if bag.is_dir() else bag.parent) / name
-    if not beside.is_file():
-        raise InvalidInput(f"{beside}: no calibration of the camera beside the bag; give --cell CELL.yaml")
-    return beside
