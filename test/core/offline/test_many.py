@@ -122,8 +122,8 @@ def test_a_bag_keeps_its_own_object_among_many_and_another_one_is_told(tmp_path)
         assert (run.exit_code, told in " ".join(run.stderr.split())) == (0, said)
 
 
-def test_a_run_goes_on_where_it_was(inputs, tmp_path):
-    out = tmp_path / "out"
+def test_a_run_goes_on_where_it_was(inputs):
+    out = inputs  # its table is no input
     arguments = ("estimate", inputs, "--object", NAME, "--out", out, "--jobs", 1)
     invoked(*arguments)
     first = (out / "table.csv").read_bytes()
@@ -138,10 +138,11 @@ def test_a_run_goes_on_where_it_was(inputs, tmp_path):
     assert sorted(json.loads(line)["input"] for line in kept[5:]) == [json.loads(line)["input"] for line in sorted(lines[4:])]
     # an input that has changed is estimated again, and so is one that failed, and every input with other settings
     os.utime(inputs / "run_0.csv", (1, 1))
+    next((out / "models").glob("run_1*")).unlink()
     invoked(*arguments)
-    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 2
+    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 3
     invoked(*arguments, "--loss", "l2")
-    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 9
+    assert len((out / "results.jsonl").read_text().splitlines()) == len(kept) + 10
 
 
 def test_an_input_of_the_same_name_and_an_object_that_changes_are_told_apart(tmp_path, monkeypatch):

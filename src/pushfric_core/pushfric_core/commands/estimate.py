@@ -106,13 +106,13 @@ def _many(
     # imported late: one estimate needs no bar
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    from pushfric_core.offline.many import Line, counts, estimate_many, inputs_of, objections, write_table
+    from pushfric_core.offline.many import TABLE, Line, counts, estimate_many, inputs_of, objections, write_table
 
     if pathlib.Path(choices.object_name).is_file():
         choices = dataclasses.replace(choices, object_name=str(pathlib.Path(choices.object_name).absolute()))
     if choices.support_points is not None:
         choices = dataclasses.replace(choices, support_points=choices.support_points.absolute())
-    inputs = inputs_of(sources)
+    inputs = [one for one in inputs_of(sources) if one != (out / TABLE).absolute()]  # of an earlier call
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

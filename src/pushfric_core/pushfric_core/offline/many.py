@@ -23,7 +23,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from pushfric_core import __version__
-from pushfric_core.bags.recorded import bags_in, beside, is_bag
+from pushfric_core.bags.recorded import bags_in, beside, is_bag, is_csv
 from pushfric_core.errors import InvalidInput, PushfricError, blaming
 from pushfric_core.files.disk import write_whole, writing
 from pushfric_core.files.model_file import save_model
@@ -56,7 +56,7 @@ def inputs_of(sources: Iterable[pathlib.Path]) -> list[pathlib.Path]:
 
 
 def _content_of(folder: pathlib.Path) -> list[pathlib.Path]:
-    return sorted([*bags_in(folder), *folder.glob("*.csv")]) if folder.is_dir() and not is_bag(folder) else []
+    return sorted([*bags_in(folder), *filter(is_csv, folder.iterdir())]) if folder.is_dir() and not is_bag(folder) else []
 
 
 def estimate_many(
@@ -165,7 +165,8 @@ def _earlier(file: pathlib.Path, wanted: dict[str, str]) -> dict[str, Line]:
         except (ValueError, RecursionError):
             continue  # an interrupted run leaves half a line
         usable = isinstance(line, dict) and isinstance(line.get("input"), str) and "error" not in line
-        if usable and wanted.get(line["input"], "") == line.get("fingerprint") and line.get("checksum") == _checksum(line):
+        usable = usable and wanted.get(line["input"], "") == line.get("fingerprint") and line.get("checksum") == _checksum(line)
+        if usable and (file.parent / line.get("model", "")).exists():
             lines[line["input"]] = line
     return lines
 
