@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 import typing
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -79,6 +80,7 @@ def test_an_object_survives_its_file(write, tmp_path):
         ("name: x\noutline: [[0, 0], [1, 1], [1, 0], [0, 1]]", "simple polygon"),
         (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
         (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
+        ("name: x\noutline: [[9, 9], [10, 9], [9, 10]]\nsupport: {points: [[9, 9], [0, 0]]}", r"outline, got \(0, 0\) m$"),
         (
             TRIANGLE + "support: {points: [[0.02, 0.01], [0.02, 0.01]]}",
             r"the support points must differ, got only \(0.02, 0.01\)$",
@@ -164,10 +166,17 @@ def test_a_file_that_is_missing_is_named_once(tmp_path, read):
     assert str(refusal.value) == f"{tmp_path}/none.yaml: cannot be read: No such file or directory"
 
 
-def test_a_link_and_a_pipe_stay_where_a_file_is_written(tmp_path):
+def test_a_link_and_a_pipe_stay_where_a_file_is_written(tmp_path, monkeypatch):
     (tmp_path / "link.json").symlink_to(tmp_path / "there.json")
+    (tmp_path / "there.json").touch(0o600)
     write_whole(tmp_path / "link.json", "1")
     assert ((tmp_path / "link.json").is_symlink(), (tmp_path / "there.json").read_text()) == (True, "1")
+    assert (tmp_path / "there.json").stat().st_mode & 0o777 == 0o600
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", Mock(side_effect=KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            write_whole(tmp_path / "there.json", "2")
+    assert [one.name for one in tmp_path.glob("*there*")] == ["there.json"]
     os.mkfifo(tmp_path / "pipe")
     with open(os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)) as reader:
         write_whole(tmp_path / "pipe", "2")

@@ -25,6 +25,8 @@ def test_only_the_values_change():
 
 def test_a_flow_mapping_and_the_whole():
     assert with_values("a: {b: 1, c: [2]}  # x\n", "a", {"c": [3.0, 4.0]}) == "a: {b: 1, c: [3.0, 4.0]}  # x\n"
+    assert with_values("a:\n- 1\n- 2\nb:\nc: 3\n", None, {"a": [1.0], "b": 2.0}) == "a:\n [1.0]\nb: 2.0\nc: 3\n"
+    assert with_values("a:\n  b:\n  - 1\n", "a", {"b": [2.0]}) == "a:\n  b:\n   [2.0]\n"
     assert with_values("a: 1\nb: [[0, 1]]\n", None, {"b": [[2.5, 3.0]], "c": 1e-5}) == "a: 1\nb: [[2.5, 3.0]]\nc: 0.00001\n"
 
 

@@ -27,7 +27,7 @@ CAMERA = Camera.looking_down(640, 480, (0.2, 0.15), 0.0006, distortion=(-0.1, 0.
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "object.yaml"
-    path.write_text(FILE)
+    path.write_text(FILE, newline="\r\n")
     return path
 
 
@@ -42,8 +42,9 @@ def test_only_what_is_drawn_changes_in_the_file(file, shown):
     drawn.take(drawing(shown, points=[[-0.05, 0.0], [0.05, 0.012345678]]))
     assert file.read_text() == FILE
     # by another hand, while the page is open
-    file.write_text(FILE.replace("steel", "brass").replace("-0.06, -0.04", "-0.05, -0.03"))
+    file.write_text(FILE.replace("steel", "brass").replace("-0.06, -0.04", "-0.05, -0.03"), newline="\r\n")
     assert str(file) in drawn.save()
+    assert file.read_bytes().count(b"\r\n") == len(FILE.splitlines())
     assert "# of brass" in file.read_text()
     model = load_object(str(file))
     assert (model.name, model.height) == ("plate", 0.02)
@@ -112,6 +113,9 @@ def test_a_picture_without_the_object_lies_in_the_middle(file):
     region = drawn.figures()["region"]
     assert region["left"] == pytest.approx(-region["width"] / 2, abs=1e-3)
     assert region["bottom"] == pytest.approx(-region["height"] / 2, abs=1e-3)
+    far = DrawnObject(file, Camera.looking_down(640, 480, (0.2, 0.15), 0.01))
+    far.show(np.full((480, 640), 50, np.uint8), "photo.png")  # in it, the object is too small for the tracker
+    assert far.figures()["has_picture"]
     with pytest.raises(InvalidInput, match=r"photo.png: the lens is calibrated for 640 x 480 px, the image has 64 x 48"):
         drawn.show(np.zeros((48, 64), np.uint8), "photo.png")
 

@@ -6,6 +6,7 @@ import errno
 import os
 import pathlib
 import re
+import shutil
 from collections.abc import Iterator, Mapping
 
 from pushfric_core.errors import InvalidInput
@@ -87,8 +88,10 @@ def write_whole(path: pathlib.Path, content: str | bytes) -> None:
                 stream.write(content)
                 stream.flush()
                 os.fsync(stream.fileno())
+            if path.exists():
+                shutil.copymode(path, draft)
             draft.replace(path)
-        except OSError:
+        except BaseException:
             draft.unlink(missing_ok=True)
             raise
         try:

@@ -16,7 +16,7 @@ def check_image_name(path: pathlib.Path) -> None:
     Raises:
         InvalidInput: no image is known by the end of this name.
     """
-    known = FigureCanvasBase.get_supported_filetypes()
+    known = [name for name in FigureCanvasBase.get_supported_filetypes() if name != "pgf"]  # which needs LaTeX
     if path.suffix[1:] not in known:
         raise InvalidInput(
             f"{path}: not the name of an image; expected one that ends with {', '.join(f'.{name}' for name in known)}"

@@ -190,7 +190,7 @@ def _check_on(what: str, points: Array, outline: Outline) -> None:
     def off(points: Array) -> Array:
         return np.asarray(((points < low) | (points > high)).any(axis=1))
 
-    if (wrong := points[off(points)]).any():
+    if (wrong := points[off(points)]).size:
         x, y = wrong[0]
         asked = other_unit("m", lambda factor: not off(points * factor).any())
         raise ValueError(f"{what} must lie within {longest:g} m of the outline, got ({x:g}, {y:g}) m{asked}")

@@ -80,7 +80,7 @@ def edited_yaml(path: pathlib.Path, section: str | None, values: Mapping[str, Va
         InvalidInput: the file cannot be read, or its entries cannot be replaced.
     """
     with reading(path):
-        text = path.read_text(encoding="utf-8")
+        text = path.read_bytes().decode()  # with its ends of lines
     try:
         return with_values(text, section, values)
     except ValueError as error:

@@ -125,17 +125,19 @@ def with_values(text: str, section: str | None, values: Mapping[str, Value]) -> 
     if not isinstance(part, dict):
         raise ValueError(f"expected keys with values{f' in {section}' if section else ''}")
     try:
-        nodes = _nodes(yaml.compose(text, Loader=yaml.SafeLoader))
+        mapping: Any = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.YAMLError as error:  # it is stricter than the loader that `load_yaml` uses where that is installed
         raise ValueError(" ".join(str(error).split())) from error
-    nodes = nodes if section is None else _nodes(nodes.get(section))  # a section may come from an alias
+    mapping = mapping if section is None else _nodes(mapping).get(section)  # a section may come from an alias
+    nodes = _nodes(mapping)
     lacking = [key for key in values if key not in nodes]
     if lacking and section is not None:
         raise ValueError(f"expected {', '.join(lacking)} in {section}")
     made = text
     for key, node in sorted(nodes.items(), key=lambda item: -item[1].start_mark.index):
         if key in values:
-            made = made[: node.start_mark.index] + _written(values[key]) + made[_end(node) :]
+            at, below = node.start_mark.index, node.start_mark.column <= mapping.start_mark.column  # as a list may begin
+            made = f"{made[:at]}{' ' * (below or made[at - 1] == ':')}{_written(values[key])}{made[_end(node) :]}"
     for key in lacking:
         made = f"{made.rstrip()}\n{key}: {_written(values[key])}\n"
     part.update(mapped(dict(values), lambda one: one))

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import os
 import pathlib
 import queue
 from collections.abc import Callable
@@ -96,7 +97,7 @@ class DrawnObject:
     def _read(self) -> None:
         """See what the file says of all that can be drawn; nothing if it is not there."""
         self._written: dict[str, Any] = {}
-        if self._target.exists():
+        if os.path.exists(self._target):
             file = read_yaml(self._target, ObjectFile)
             self._written = file.model_dump(mode="json", exclude_none=True, include={"outline", "support", "height"})
 
@@ -129,7 +130,7 @@ class DrawnObject:
         drawn = self._drawing.model_dump(mode="json", exclude_none=True, exclude={"picture", "find"})
         if self._height != self._written.get("height", 0.0):
             drawn["height"] = self._height
-        return {key: _rounded(value) for key, value in drawn.items() if _rounded(value) != self._written.get(key, {})}
+        return {key: _rounded(value) for key, value in drawn.items() if _rounded(value) != _rounded(self._written.get(key, {}))}
 
     def figures(self) -> dict[str, Any]:
         """The content of the page: all lengths in m, in the object frame, or the picture's where it says so."""
@@ -193,7 +194,7 @@ class DrawnObject:
     def _seen(self, camera: Camera, image: Image) -> Pose:
         """Where the object frame lies on the table: that of the file, or about the middle of what is seen, x along its longest
         edge; in the middle of the picture if nothing is found."""
-        with contextlib.suppress(NotSeen):
+        with contextlib.suppress(NotSeen, InvalidInput):  # it may be too small for the tracker
             if self.model is not None:
                 return ContourTracker(camera, self.model.outline.vertices, self._height).track(image).pose
             corners = measured_outline(camera, image, self._height)
