@@ -702,6 +702,20 @@ def test_a_push_is_excluded_and_another_given_up(browser, url):
                 page.locator("#skip").click()
 
 
+def test_a_page_left_open_begins_afresh_with_the_next_run(browser, url):
+    page, sockets = browser.new_page(), []
+    said = '{"all": {"doubts": ["of run 1"], "files": {}, "tables": {}, "made": ""}}', '{"all": {"fault": "none"}}'
+    page.route_web_socket("**/live*", lambda socket: sockets.append(socket) or socket.send(said[len(sockets) > 1]))
+    page.goto(url)
+    expect(page.locator("#doubts")).to_have_text("✗ of run 1")
+    sockets[0].close(code=1001)
+    expect(page.locator("#doubts")).to_have_text("")
+    page.route("**/stop", lambda route: route.fulfill(json={"done": True, "message": ""}))
+    page.locator("#stop").click()
+    expect(page.locator("#answer")).to_have_text("Stop: done")
+    page.close()
+
+
 OF_NOW = {
     ("tracker", "actuator", "experiment", "estimator", "recorder"): (
         "#seen, #place, #map .way, #map .outline, #drawing .tip, #map .tip, #map .ghost, #trust"

@@ -10,6 +10,7 @@ import os
 import pathlib
 import re
 import time
+import urllib.parse
 from collections import deque
 from collections.abc import Iterator
 
@@ -106,7 +107,7 @@ def told_again(
         {
             "doubts": [doubt.text for doubt in estimation.ledger.doubts],
             "files": {name: text for name, text in files.items() if text},
-            "data": os.path.relpath(source.resolve(), file.resolve().parent) if file else "",
+            "data": urllib.parse.quote(os.path.relpath(source.resolve(), file.resolve().parent)) if file else "",
             "tables": {
                 "predictions": _predictions(estimation),
                 "account": {

@@ -49,6 +49,7 @@ function connect() {
   document.addEventListener("visibilitychange", look);
   socket.onopen = () => { if (document.hidden) look(); };
   socket.onmessage = ({ data }) => {
+    if (connection === "ended") return location.reload(); // only another run can speak now
     if (data instanceof Blob) {
       show(data);
       return;
@@ -104,7 +105,7 @@ async function ask(what, said) {
   try {
     const answered = await fetch(what, { method: "POST", headers: token ? { Authorization: `Bearer ${token}` } : {} });
     const { done, message } = await answered.json();
-    say(done && !said ? message : `${said ?? what}: ${message}`, !done);
+    say((done && !said && message) || `${said ?? what}: ${message || (done ? "done" : "refused")}`, !done);
   } catch {
     say(`${said ?? what}: nobody answers; use the switch at the pusher`, true);
   }
@@ -223,7 +224,7 @@ function drawNow() {
   at("progress").parentElement.hidden = !plan;
   if (plan) {
     at("progress").max = Math.max(1, plan.count);
-    at("progress").value = plan.phase === "finished" ? plan.count : plan.push % plan.count;
+    at("progress").value = plan.phase === "finished" ? plan.count : plan.push % Math.max(1, plan.count);
     at("count").textContent = `${plan.completed} of ${counted(plan.count, "push").replace(/pushs$/, "pushes")} done${plan.aborted ? `, ${plan.aborted} aborted` : ""}${plan.skipped ? `, ${plan.skipped} skipped` : ""}`;
   }
   document.querySelector(".numbers").classList.toggle("old", story.outdated);
@@ -455,7 +456,7 @@ function drawNodes() {
   at("health").hidden = connection === "over"; // a bag tells of no node
   for (const name of run.nodes) {
     const { level, message, values } = story[name];
-    let details = list.querySelector(`[data-node="${name}"]`);
+    let details = list.querySelector(`[data-node="${CSS.escape(name)}"]`);
     if (!details) {
       details = document.createElement("details");
       details.dataset.node = name;

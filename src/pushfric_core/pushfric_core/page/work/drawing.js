@@ -1,19 +1,14 @@
 // An object's outline and support points, drawn on a sheet in mm. The command keeps them, so a reload loses nothing.
-const SVG = "http://www.w3.org/2000/svg";
+import { made } from "./drawings.js";
+
+const FARTHEST = 1e5; // of a coordinate [mm]
 const NEAR_PX = 14; // a click this close to a point on the screen chooses it
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 const token = new URLSearchParams(location.search).get("token") ?? "";
 const headers = token ? { Authorization: `Bearer ${token}` } : {};
 const at = (id) => document.getElementById(id);
-const round = (value) => Math.round(100 * value) / 100;
-
-function made(tag, attributes, text) {
-  const element = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
-  if (text !== undefined) element.textContent = text;
-  return element;
-}
+const round = (value) => Math.round(100 * Math.min(Math.max(value, -FARTHEST), FARTHEST)) / 100;
 
 // What is asked of the command, one after the other
 
