@@ -714,7 +714,7 @@ def run(command: list, what: str, environment: dict[str, str]) -> None:
                 far = f"pushfric: {shown - start:4.0f} s  "
                 # one that is longer than the terminal is wide could not be redrawn
                 most = min(SHOWN, shutil.get_terminal_size().columns - 1) if live else SHOWN
-                far += textwrap.shorten(last_line(log), most - len(far), placeholder=" ...")
+                far += textwrap.shorten(last_line(log), max(4, most - len(far)), placeholder=" ...")
                 print(f"\r\033[K{far}" if live else far, end="" if live else "\n", file=sys.stderr, flush=True)
     if live:
         print("\r\033[K", end="", file=sys.stderr)

@@ -45,6 +45,12 @@ HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
             ["estimate", "good.csv", "--object", "rubber_rect4", "--exclude-push", "5"],
             "no observation of push 5, which is to be left out",
         ),
+        (
+            ["estimate", "good.csv", "--object", "rubber_rect4", "--slipping-push", "7"],
+            "no observation of push 7, which is to be left out, kept, or said to slip",
+        ),
+        (["estimate", "good.csv", "--object", "rubber_rect4", "--figure", "x.pgf"], "x.pgf: not the name of an image"),
+        (["estimate", "good.csv", "--object", "rubber_rect4", "--save", "a" * 300 + ".yaml"], ".yaml: File name too long"),
         (["calibrate", "table", "none.csv", "--camera", "none.yaml"], "none.yaml"),
         (["run", "none.yaml"], "none.yaml: cannot be read"),
         (["doctor", "no_outline.yaml", "--json"], "no_outline.yaml: "),

@@ -99,6 +99,8 @@ def test_what_makes_no_sense_is_refused(options, expected):
     outline, model = OBJECTS["wood_rect4"]
     with pytest.raises(ValueError, match=expected):
         export(model, outline, **{"to": "mjcf", **options})
+    (text,) = export(model, outline, "mjcf", name="a\x01b\x1f").values()
+    assert ElementTree.fromstring(text).get("model") == "ab"
 
 
 @pytest.fixture

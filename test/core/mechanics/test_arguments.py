@@ -50,8 +50,9 @@ def strokes(pose=(0.0, 0.0, 0.0), position=0.08):
 @pytest.mark.parametrize(
     ("call", "text"),
     [
-        (lambda: strokes(position=math.nan), "poses and positions must be finite"),
-        (lambda: strokes(pose=(0.0, math.inf, 0.0)), "poses and positions must be finite"),
+        (lambda: strokes(position=math.nan), "positions must be finite, got nan"),
+        (lambda: strokes(position=80.0), "positions must lie within 3 m, got 80: are these millimetres?"),
+        (lambda: strokes(pose=(0.0, math.inf, 0.0)), "poses must be finite"),
         (lambda: PushingLine((0.0, math.nan), (0.0, 1.0), 0.003), "the origin of the pushing line must be finite"),
         (lambda: PushingLine((0.0, 0.0), (0.0, 1.0), -0.003), "a tip radius must be at least 0 and finite, got -0.003"),
         (lambda: PushingLine((0.0, 0.0), (0.0, 1.0), math.nan), "a tip radius must be at least 0 and finite, got nan"),

@@ -126,5 +126,9 @@ def main(program: typer.Typer = app, name: str = "pushfric") -> None:
         fail(str(error), 2)
     except PushfricError as error:
         fail(str(error), 1)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        fail(f"{error.filename}: {error.strerror}", 2)  # such as a name that is too long
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(130)

@@ -172,10 +172,11 @@ def _element(tag: str, /, *content: Element | npt.ArrayLike, **attributes: npt.A
 
 
 def _document(root: Element, comments: Iterable[str]) -> str:
-    """The file: the comments, in which XML allows no double hyphen, and the element."""
+    """The file: the comments, in which XML allows no double hyphen, and the element; without control characters."""
     ElementTree.indent(root)
     lines = re.sub("-(?=-)", "- ", "\n".join(comments))
-    return f'<?xml version="1.0"?>\n<!--\n{lines}\n-->\n{ElementTree.tostring(root, encoding="unicode")}\n'
+    document = f'<?xml version="1.0"?>\n<!--\n{lines}\n-->\n{ElementTree.tostring(root, encoding="unicode")}\n'
+    return re.sub(r"[\x00-\x08\x0b\x0c\x0e-\x1f]", "", document)
 
 
 def _text(value: npt.ArrayLike) -> str:

@@ -69,6 +69,9 @@ class LimitSurface:
 
     Args:
         support: with weight at two places or more, because the surface of a single point encloses no volume.
+    Attributes:
+        scaling: S (3, 3): S W is the wrench about p_CF, its moment in units that make the surface about round; V = S' (twist in
+            those units).
     Raises:
         ValueError: a single point bears all the weight.
 
@@ -91,8 +94,7 @@ class LimitSurface:
         x, y = self._support.center_of_friction
         arms = points - (x, y)
         length = float(weights @ np.linalg.norm(arms, axis=1))  # the moment of a turn about p_CF
-        # S W is the wrench about p_CF, its moment in units that make the surface about round; V = S' (twist in those units)
-        self._scaling = np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (y / length, -x / length, 1 / length)))
+        self.scaling = np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (y / length, -x / length, 1 / length)))
         self._arms = arms / length
 
     def wrench(self, twist: Twist) -> Wrench:
@@ -132,7 +134,7 @@ class LimitSurface:
         each = np.arange(len(wrenches))
         twists = turns[facet] * np.sign(work[each, facet])[:, None]
         curved = beyond[each, facet] >= 1 - RIM
-        twists[curved] = self._least_dissipation(wrenches[curved] @ self._scaling.T) @ self._scaling
+        twists[curved] = self._least_dissipation(wrenches[curved] @ self.scaling.T) @ self.scaling
         return np.asarray(twists)
 
     def load(self, wrench: Wrench) -> float:
@@ -344,15 +346,12 @@ def _error(loads: Array, gradients: Array, twists: Array, scaling: Array) -> Sur
 def _samples(support: Support) -> tuple[Array, Array, Array]:
     """Wrenches (s, 3) on the surface, the motions (s, 3) there, of unit dissipation, and the scaling (3, 3) to round units."""
     surface = LimitSurface(support)
-    ellipsoid = named_ellipsoid(support)
-    x, y = ellipsoid.center
-    scaling = np.array(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (y / ellipsoid.m_max, -x / ellipsoid.m_max, 1 / ellipsoid.m_max)))
-    twists = _sphere(SAMPLES) @ scaling
+    twists = _sphere(SAMPLES) @ surface.scaling
     velocities = left_of(support.points) * twists[:, None, 2:] + twists[:, None, :2]
     dissipation = np.linalg.norm(velocities, axis=2) @ support.weights
     twists /= dissipation[:, None]
     wrenches = np.array([surface.wrench(Twist(*twist.tolist())) for twist in twists])
-    return wrenches, twists, scaling
+    return wrenches, twists, surface.scaling
 
 
 def _sphere(count: int) -> Array:

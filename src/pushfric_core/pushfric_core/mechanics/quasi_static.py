@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pushfric_core.errors import SolverFailed, warn_unless_compiled
 from pushfric_core.geometry.contact import tangent
-from pushfric_core.geometry.planar import Array, Indices, as_array, check_unit, cross, left_of
+from pushfric_core.geometry.planar import LEAST_DIVISOR, Array, Indices, as_array, check_unit, cross, left_of
 from pushfric_core.geometry.support import check_points
 from pushfric_core.mechanics import least_dissipation
 from pushfric_core.mechanics.damped_newton import STILL
@@ -203,7 +203,7 @@ def holding_margins(
         speeds = np.linalg.norm(velocities, axis=2)
         # Coulomb's corner is rounded, as in all motions: a support that stands still pushes neither way
         speeds = np.sqrt(speeds**2 + (STILL * speeds.max(axis=1, keepdims=True)) ** 2)
-        directions = velocities / speeds[..., None]
+        directions = velocities / np.maximum(speeds, LEAST_DIVISOR)[..., None]
         force = np.einsum("sn,knd->ksd", weights, directions)
         moment = np.einsum("kn,sn->ks", cross(points - contacts[rows, None], directions), weights)
         pressure = -np.sum(force * normals[rows, None], axis=2)

@@ -14,6 +14,7 @@ from pushfric_core.geometry.planar import Array, Pose, as_array
 from pushfric_core.mechanics import quasi_static
 from pushfric_core.mechanics.prediction import FrictionModel, of_misfit, scattered
 from pushfric_core.mechanics.simulation import TOUCHING
+from pushfric_core.plausible import LARGEST, check_within
 from pushfric_core.records import comparable
 from pushfric_core.steps import finished
 
@@ -95,8 +96,9 @@ def stroke_steps(
         raise ValueError(f"poses, lines and positions must have the same length, got {lengths}")
     if not step > 0:
         raise ValueError(f"step must be positive, got {step:g} m")
-    if not (np.isfinite(stops).all() and np.isfinite(as_array(poses)).all()):
-        raise ValueError("poses and positions must be finite")
+    check_within("positions", stops, LARGEST, "m")
+    if not np.isfinite(as_array(poses)).all():
+        raise ValueError("poses must be finite")
     w, mu_c = model.with_mean
     k, s = len(stops), len(w)
     state = as_array(poses).reshape(-1, 3)
