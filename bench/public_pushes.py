@@ -79,7 +79,7 @@ class PublicSet(NamedTuple):
     name: str
     model: ObjectModel
     strokes: Sequence[Stroke]
-    observations: Sequence[Observation | None]  # of each stroke; None: it is no observation
+    data: Sequence[Observation]  # of the strokes that are observations
     steps: Sequence[Sequence[Observation]]  # of each stroke, whether or not it is an observation
     groups: Sequence[int]  # each stroke's push, or the run to which it belongs: fitted or rolled out together
     quartic: Sequence[Pose | None]  # where a published quartic predicts each stroke to end
@@ -89,11 +89,6 @@ class PublicSet(NamedTuple):
         """p_CF (2,) [m] if the pressure is even: the centroid of the outline."""
         centroid = self.model.outline.polygon.centroid
         return np.array((centroid.x, centroid.y))
-
-    @property
-    def data(self) -> list[Observation]:
-        """The observations of the strokes that are observations."""
-        return [one for one in self.observations if one is not None]
 
 
 def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[str], None]) -> Figures:
@@ -172,7 +167,7 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     name = path.name.removesuffix(STROKES)
     model = load_object(str(path.with_name(f"{name.rpartition('_')[2]}.yaml")))
     strokes = read_strokes(path)
-    data = observed(strokes, model.outline)
+    data = list(observed(strokes, model.outline))
     other = path.with_name(f"{name}{POLY4}")
     quartic = {(one.before, one.tip_before): one.predicted for one in (read_strokes(other) if other.is_file() else ())}
     runs = [row if one.run is None else one.run for row, one in enumerate(strokes)]

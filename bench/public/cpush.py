@@ -56,7 +56,7 @@ def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> Written
     save_model(BLOCK, outline, out)
     for name, strokes in sets.items():
         strokes = _with_radius(strokes, outline)
-        written.append(save_set(f"{name}_{BLOCK}", strokes, observed(strokes, outline), out))
+        written.append(save_set(f"{name}_{BLOCK}", strokes, list(observed(strokes, outline)), out))
     return written
 
 

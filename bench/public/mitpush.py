@@ -11,7 +11,7 @@ and pairs of force and motion that the model was fitted to.
 import math
 import pathlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -89,7 +89,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
             if model == "poly4":
                 save_strokes(strokes, out / f"{name}{POLY4}")
             else:
-                written.append(save_set(name, strokes, _rounded(shape, observed(strokes, outline)), out))
+                written.append(save_set(name, strokes, _rounded(shape, list(observed(strokes, outline))), out))
                 save_observations(_rounded(shape, pairs), out / f"{name}.csv")
     return written
 
@@ -129,9 +129,8 @@ def outline_of(shape: str, clone: pathlib.Path) -> Outline:
     return Outline(np.column_stack((np.cos(angles), np.sin(angles))) * (x, y) / 2)
 
 
-def _rounded(shape: str, observations: Iterable[Observation | None]) -> list[Observation]:
-    """The observations that there are; on an ellipse, with the normal of the curve, not of one of its edges."""
-    found = [one for one in observations if one is not None]
+def _rounded(shape: str, found: list[Observation]) -> list[Observation]:
+    """The observations; on an ellipse, with the normal of the curve, not of one of its edges."""
     if not shape.startswith("ellip"):
         return found
     normals = [np.divide(one.contact_point, np.square(SIZES[shape])) for one in found]

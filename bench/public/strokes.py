@@ -6,7 +6,7 @@ SURFACE_OBJECT.csv with pairs of force and motion, and for each object OBJECT.ya
 
 import math
 import pathlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -15,8 +15,7 @@ import numpy as np
 from pushfric_core import InvalidInput, Observation, Outline
 from pushfric_core.files.csv_files import OPTIONAL, REQUIRED, read_table, save_table
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
-from pushfric_core.geometry import planar
-from pushfric_core.geometry.planar import Array, Pose, compose, exp, inverse, rotation, transform
+from pushfric_core.geometry.planar import Array, Pose, compose, exp, inverse, log, rotation, transform
 
 STROKES, DATA_POINTS = ".strokes.csv", ".tip.csv"
 """After the name of a set, the names of its files."""
@@ -73,24 +72,6 @@ class Stroke(NamedTuple):
     run: int | None = None  # the push of which it is a part; None: it is a push
     tip_radius: float = USUAL_RADIUS  # [m]
 
-    def observation(self, outline: Outline, push_id: int) -> Observation | None:
-        """The screw of the whole stroke, with the contact halfway; None if that would not be an observation."""
-        motion = planar.log(compose(inverse(self.before), self.after))
-        halfway = compose(self.before, exp(motion, 0.5))
-        tips = (self.tip_before, np.add(self.tip_before, self.tip_after) / 2, self.tip_after)
-        places = [transform(inverse(pose), tip) for pose, tip in zip((self.before, halfway, self.after), tips, strict=True)]
-        edges, feet, gaps = nearest_edges(outline, np.array(places))
-        if (
-            abs(motion.omega) > LARGEST_TURN
-            or math.hypot(motion.vx, motion.vy) < LEAST_WAY
-            or np.abs(gaps - self.tip_radius).max() > LARGEST_GAP
-            or outline.normals[edges[0]] @ outline.normals[edges[2]] < math.cos(SAME_SIDE)
-        ):
-            return None
-        moved = rotation(-halfway.theta) @ np.subtract(self.tip_after, self.tip_before)
-        (x, y), (nx, ny), (vx, vy) = (row.tolist() for row in (feet[1], outline.normals[edges[1]], moved))
-        return Observation((x, y), (nx, ny), motion, push_id, stamp=(push_id + 1) * SECOND, tip_velocity=(vx, vy))
-
 
 @contextmanager
 def leaving_out(written: Written) -> Iterator[None]:
@@ -99,6 +80,30 @@ def leaving_out(written: Written) -> Iterator[None]:
         yield
     except InvalidInput as error:
         written.append(error)
+
+
+def observed(strokes: Sequence[Stroke], outline: Outline) -> Iterator[Observation]:
+    """The strokes that are observations: the screw of the whole stroke, with the contact halfway.
+
+    The push is the run, or else the number of the stroke.
+    """
+    for number, one in enumerate(strokes):
+        motion = log(compose(inverse(one.before), one.after))
+        halfway = compose(one.before, exp(motion, 0.5))
+        tips = (one.tip_before, np.add(one.tip_before, one.tip_after) / 2, one.tip_after)
+        places = [transform(inverse(pose), tip) for pose, tip in zip((one.before, halfway, one.after), tips, strict=True)]
+        (begin, middle, end), feet, gaps = nearest_edges(outline, np.array(places))
+        if (
+            abs(motion.omega) > LARGEST_TURN
+            or math.hypot(motion.vx, motion.vy) < LEAST_WAY
+            or np.abs(gaps - one.tip_radius).max() > LARGEST_GAP
+            or outline.normals[begin] @ outline.normals[end] < math.cos(SAME_SIDE)
+        ):
+            continue
+        moved = rotation(-halfway.theta) @ np.subtract(one.tip_after, one.tip_before)
+        (x, y), (nx, ny), (vx, vy) = (row.tolist() for row in (feet[1], outline.normals[middle], moved))
+        push_id = number if one.run is None else one.run
+        yield Observation((x, y), (nx, ny), motion, push_id, stamp=(push_id + 1) * SECOND, tip_velocity=(vx, vy))
 
 
 def nearest_edges(outline: Outline, points: Array) -> tuple[Array, Array, Array]:
@@ -148,19 +153,18 @@ def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
     save_table(columns, rows, path)
 
 
-def save_set(name: str, strokes: Sequence[Stroke], points: Iterable[Observation | None], out: pathlib.Path) -> Imported:
+def save_set(name: str, strokes: Sequence[Stroke], observations: Sequence[Observation], out: pathlib.Path) -> Imported:
     """Write the strokes of a set, SURFACE_OBJECT, into a folder, and those of them that are observations.
 
     Args:
         name: of the set.
         strokes: of the set.
-        points: the observation of each stroke, if it is one.
+        observations: those that `observed` makes of the strokes.
         out: the folder.
     Raises:
         InvalidInput: a file cannot be written.
     """
     save_strokes(strokes, out / f"{name}{STROKES}")
-    observations = [point for point in points if point is not None]
     save_observations(observations, out / f"{name}{DATA_POINTS}")
     return Imported(out / f"{name}{STROKES}", name.rpartition("_")[2], len(observations))
 
@@ -187,8 +191,3 @@ def save_model(name: str, outline: Outline, out: pathlib.Path) -> None:
     support = SupportFile(spacing=round(math.sqrt(outline.polygon.area / SUPPORTS), 4))
     corners = [(round(x, 6), round(y, 6)) for x, y in outline.vertices.tolist()]
     save_object(make_object(ObjectFile(name=name, outline=corners, support=support), name), out / f"{name}.yaml")
-
-
-def observed(strokes: Sequence[Stroke], outline: Outline) -> list[Observation | None]:
-    """The observation of each stroke; None if it would not be one. The push is the run, or else the number of the stroke."""
-    return [one.observation(outline, number if one.run is None else one.run) for number, one in enumerate(strokes)]
