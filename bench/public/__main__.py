@@ -3,8 +3,6 @@
 import pathlib
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -41,11 +39,16 @@ def import_(
         raise InvalidInput(f"unknown data set {dataset!r}; expected {' or '.join(DATA_SETS)}")
     if len(sources) > 1 and dataset != cpush.NAME:
         raise InvalidInput(f"{sources[1]}: only {cpush.NAME} takes more than one source")
-    with whole_folder(out) as draft:
+    if out.exists():
+        raise InvalidInput(f"{out}: exists already; expected the name of a folder to make")
+    make_folder(out.parent)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as around:  # vanishes if something fails
+        draft = pathlib.Path(around, out.name)  # the files of a bag are named after its folder
         imported = DATA_SETS[dataset].import_pushes(sources if dataset == cpush.NAME else sources[0], draft)
         left_out = [one for one in imported if isinstance(one, InvalidInput)]
         if len(left_out) == len(imported):
             raise left_out[0]
+        draft.rename(out)
     for one in imported:
         if isinstance(one, InvalidInput):
             warn(f"left out: {one}")
@@ -53,22 +56,6 @@ def import_(
             say(f"{out / one.path.relative_to(draft)}: {counted(one.observations, 'observation')} of {one.object}")
     if left_out:
         warn(f"{counted(len(left_out), 'part')} of the data set left out")
-
-
-@contextmanager
-def whole_folder(out: pathlib.Path) -> Iterator[pathlib.Path]:
-    """A folder to make, which becomes `out` when the block ends, or vanishes if it fails.
-
-    Raises:
-        InvalidInput: `out` exists already, or cannot be made.
-    """
-    if out.exists():
-        raise InvalidInput(f"{out}: exists already; expected the name of a folder to make")
-    make_folder(out.parent)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as around:
-        draft = pathlib.Path(around, out.name)  # the files of a bag are named after its folder
-        yield draft
-        draft.rename(out)
 
 
 if __name__ == "__main__":
