@@ -98,12 +98,12 @@ def read_log(path: pathlib.Path) -> list[Observation]:
         if not (np.abs(content) <= LARGEST).all():
             raise ValueError(f"expected numbers within {LARGEST:g}")
         numbers, outline = iter(content.tolist()), Outline(np.array(CORNERS))
-        pushes = (_observation(index, numbers, outline) for index in range(int(next(numbers))))
-        observations = [one for one in pushes if one is not None]
+        pushes = [_observation(index, numbers, outline) for index in range(int(next(numbers)))]
     except (OSError, ValueError, EOFError, zlib.error) as error:
         raise InvalidInput(f"{path}: not a log of {NAME}: {error}") from error
-    except (StopIteration, RuntimeError) as error:
+    except StopIteration as error:
         raise InvalidInput(f"{path}: ends in the middle of a push") from error
+    observations = [one for one in pushes if one is not None]
     if not observations:
         raise InvalidInput(f"{path}: no push met an edge of the triangle")
     return observations
@@ -135,19 +135,15 @@ def _observation(index: int, numbers: Iterator[float], outline: Outline) -> Obse
     touched, end = float(readings[np.argmax(size > TOUCHING * size.max()), 0]), float(tool[-1, 0])
     middle = (touched + end) / 2
     pressed = readings[:, 0] >= touched + BUILDING_UP * max(end - touched, 0.0)
-
-    def tool_at(time: float) -> Array:
-        return np.array([np.interp(time, tool[:, 0], column) for column in tool.T[1:]])
-
-    x, y, heading = tool_at(middle).tolist()
+    first, halfway, last = np.column_stack([np.interp((touched, middle, end), tool[:, 0], column) for column in tool.T[1:]])
     pose = compose(before, exp(motion, 0.5))
-    touch = outline.nearest(transform(inverse(pose), (x, y)))
+    touch = outline.nearest(transform(inverse(pose), halfway[:2]))
     if touch.edge is None or abs(touch.distance) > LARGEST_GAP or not any(motion) or not pressed.any():
         return None
     # the tip's places in the object's frame at first touch and at the end: its motion there adds to the contact's motion
-    travel = transform(inverse(after), tool_at(end)[:2]) - transform(inverse(before), tool_at(touched)[:2])
+    travel = transform(inverse(after), last[:2]) - transform(inverse(before), first[:2])
     velocity = velocity_at(motion, touch.point) + travel
-    force = rotation(heading - pose.theta) @ (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
+    force = rotation(halfway[2] - pose.theta) @ (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
     at, normal, pushed, moved = ((float(x), float(y)) for x, y in (touch.point, touch.normal, force, velocity))
     return Observation(at, normal, motion, index, stamp=round(middle * SECOND), pose=pose, force=pushed, tip_velocity=moved)
 
