@@ -71,8 +71,8 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
     Raises:
         InvalidInput: the source is not such a clone.
     """
-    files = sorted(source.glob(f"{FOLDER}/*.mat"))
-    found = [(*match.groups(), path) for path in files if (match := FILE.fullmatch(path.name))]
+    paths = sorted(source.glob(f"{FOLDER}/*.mat"))
+    found = [(*match.groups(), path) for path in paths if (match := FILE.fullmatch(path.name))]
     if not found:
         raise InvalidInput(f"{source}: no {FOLDER}/wrench1twist1*.mat; expected a clone of PlanarManipulationToolBox")
     written: Written = []
@@ -148,8 +148,7 @@ def _listed(shape: str, path: pathlib.Path) -> Outline:
         rows = [found for row in re.split(r"[;\n\[\]]", matrix) if (found := row.replace(",", " ").split())]
         if len(rows) > 2 and all(len(row) == 2 for row in rows):
             with blaming(f"{path}: the outline of {shape}", ValueError, PushfricError):
-                corners = np.array(rows, dtype=float)
-                return Outline(corners[np.any(corners != np.roll(corners, -1, axis=0), axis=1)])  # perhaps closed
+                return Outline(np.array(rows, dtype=float))
     raise InvalidInput(f"{path}: the outline of {shape}: expected a matrix of at least 3 rows of two numbers after '{shape}'")
 
 
@@ -167,12 +166,11 @@ def _pairs(training: Any, outline: Outline) -> Iterator[Observation]:
     length = float(np.mean(np.linalg.norm(outline.vertices - outline.vertices.mean(axis=0), axis=1)))
     for row, ((fx, fy, m), (vx, vy, turn)) in enumerate(zip(wrenches.tolist(), twists.tolist(), strict=True)):
         entry = _entry(outline, np.array((fx, fy)), m * length)
-        if entry is None or not any((vx, vy, turn)):
-            continue
-        # the difference of two poses, over the time between them: to the velocity that leads from one to the other
-        omega = turn / length
-        screw = log(Pose(vx * STEP, vy * STEP, omega * STEP))
-        yield Observation(*entry, Twist(screw.vx / STEP, screw.vy / STEP, omega), row, force=(fx, fy))
+        if entry is not None and any((vx, vy, turn)):
+            # the difference of two poses, over the time between them: to the velocity that leads from one to the other
+            omega = turn / length
+            screw = log(Pose(vx * STEP, vy * STEP, omega * STEP))
+            yield Observation(*entry, Twist(screw.vx / STEP, screw.vy / STEP, omega), row, force=(fx, fy))
 
 
 def _entry(outline: Outline, force: Array, moment: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
@@ -186,5 +184,4 @@ def _entry(outline: Outline, force: Array, moment: float) -> tuple[tuple[float, 
         return None
     points = outline.vertices[enters] + on_edge[enters, None] * outline.edges[enters]
     first = int(np.argmin(points @ force))
-    (x, y), (nx, ny) = points[first].tolist(), outline.normals[enters[first]].tolist()
-    return (x, y), (nx, ny)
+    return tuple(points[first].tolist()), tuple(outline.normals[enters[first]].tolist())

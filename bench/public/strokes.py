@@ -48,6 +48,9 @@ SAME_SIDE = math.radians(50)
 
 SECOND = 10**9
 
+LARGEST = 1e12
+"""Largest number accepted in a file; times are seconds since 1970."""
+
 
 class Imported(NamedTuple):
     """A bag, or a set of CSV files, that was written."""
@@ -128,13 +131,10 @@ def read_strokes(path: pathlib.Path) -> list[Stroke]:
     columns, rows = read_table(path, COLUMNS, "strokes")
     strokes = []
     for row in rows:
-        numbers = row.numbers(COLUMNS)
+        x0, y0, th0, x1, y1, th1, *tips = row.numbers(COLUMNS)
         end = Pose(*row.numbers(PREDICTED)) if {*PREDICTED} <= {*columns} else None
-        stroke = Stroke(Pose(*numbers[:3]), Pose(*numbers[3:6]), (numbers[6], numbers[7]), (numbers[8], numbers[9]), end)
-        if {*RUN} <= {*columns}:
-            run, radius = row.numbers(RUN)
-            stroke = stroke._replace(run=int(run), tip_radius=radius)
-        strokes.append(stroke)
+        more = (int(row.number("run")), row.number("tip_radius")) if {*RUN} <= {*columns} else ()
+        strokes.append(Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), end, *more))
     return strokes
 
 
@@ -189,5 +189,5 @@ def save_observations(observations: Sequence[Observation], path: pathlib.Path) -
 def save_model(name: str, outline: Outline, out: pathlib.Path) -> None:
     """Write the file of an object of which nothing but the outline is known, to a micrometre, into a folder."""
     support = SupportFile(spacing=round(math.sqrt(outline.polygon.area / SUPPORTS), 4))
-    corners = [(round(x, 6), round(y, 6)) for x, y in outline.vertices.tolist()]
-    save_object(make_object(ObjectFile(name=name, outline=corners, support=support), name), out / f"{name}.yaml")
+    file = ObjectFile(name=name, outline=outline.vertices.round(6).tolist(), support=support)
+    save_object(make_object(file, name), out / f"{name}.yaml")

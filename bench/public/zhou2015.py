@@ -13,7 +13,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.public.strokes import SECOND, Imported
+from bench.public.strokes import LARGEST, SECOND, Imported
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.message_types import encoder, record
@@ -48,9 +48,6 @@ SENSOR_TO_TOOL = np.array(((-1.0, -1.0), (-1.0, 1.0))) / math.sqrt(2)
 COLUMNS = ("object", "log", "push", "cx_mm", "cy_mm", "nx", "ny", "dx_mm", "dy_mm", "dtheta_rad", "fx_N", "fy_N")
 TIPS = ("tip0x_mm", "tip0y_mm", "tip1x_mm", "tip1y_mm")
 MILLIMETRE = 1e-3
-
-LARGEST = 1e12
-"""Largest number accepted in a log; times are seconds since 1970."""
 
 
 def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
