@@ -75,7 +75,16 @@ def read_run(path: pathlib.Path) -> list[Stroke]:
         raise InvalidInput(f"{path}: not a run of {NAME}: {type(error).__name__}: {shortened(str(error))}") from error
     run = np.array(list(zip(*rows, strict=False)))  # they may differ in length by a few
     run = run[np.isfinite(run).all(axis=1)]  # some values are null
-    strokes = _strokes(run[:, 0], run[:, 1:4], run[:, 4:])
+    times, block, tip = run[:, 0], run[:, 1:4], run[:, 4:]
+    # between new values of the block's pose, the last one is repeated
+    new = np.concatenate(([True], np.diff(block, axis=0).any(axis=1)))
+    block[:, 2] = np.unwrap(block[:, 2])
+    strokes, begin = [], 0
+    while begin < len(tip) and len(further := np.flatnonzero(np.linalg.norm(tip[begin:] - tip[begin], axis=1) >= LENGTH)):
+        end = begin + int(further[0])
+        before, after = (Pose(*(float(np.interp(times[k], times[new], row[new])) for row in block.T)) for k in (begin, end))
+        strokes.append(Stroke(before, after, tuple(tip[begin].tolist()), tuple(tip[end].tolist())))
+        begin = end
     if not strokes:
         raise InvalidInput(f"{path}: the tip goes less than {1e3 * LENGTH:g} mm")
     return strokes
@@ -87,17 +96,3 @@ def _table(content: dict[str, Any], key: str, rows: int) -> Array:
     if table.ndim != 2 or len(table) != rows or not table.size or (np.abs(table) > LARGEST).any():
         raise ValueError(f"{key} must be {counted(rows, 'list')} of numbers, got an array of shape {table.shape}")
     return table
-
-
-def _strokes(times: Array, block: Array, tip: Array) -> list[Stroke]:
-    """Cut a run: times (n,), poses of the block (n, 3) and places of the tip (n, 2)."""
-    # between new values of its pose, the last one is repeated
-    new = np.concatenate(([True], np.diff(block, axis=0).any(axis=1)))
-    block[:, 2] = np.unwrap(block[:, 2])
-    strokes, begin = [], 0
-    while begin < len(tip) and len(further := np.flatnonzero(np.linalg.norm(tip[begin:] - tip[begin], axis=1) >= LENGTH)):
-        end = begin + int(further[0])
-        before, after = (Pose(*(float(np.interp(times[k], times[new], row[new])) for row in block.T)) for k in (begin, end))
-        strokes.append(Stroke(before, after, tuple(tip[begin].tolist()), tuple(tip[end].tolist())))
-        begin = end
-    return strokes
