@@ -134,8 +134,7 @@ def _rounded(shape: str, found: list[Observation]) -> list[Observation]:
     if not shape.startswith("ellip"):
         return found
     normals = [np.divide(one.contact_point, np.square(SIZES[shape])) for one in found]
-    unit = [tuple((normal / math.hypot(*normal)).tolist()) for normal in normals]
-    return [replace(one, contact_normal=normal) for one, normal in zip(found, unit, strict=True)]
+    return [replace(one, contact_normal=normal / math.hypot(*normal)) for one, normal in zip(found, normals, strict=True)]
 
 
 def _listed(shape: str, path: pathlib.Path) -> Outline:
@@ -173,7 +172,7 @@ def _pairs(training: Any, outline: Outline) -> Iterator[Observation]:
             yield Observation(*entry, Twist(screw.vx / STEP, screw.vy / STEP, omega), row, force=(fx, fy))
 
 
-def _entry(outline: Outline, force: Array, moment: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
+def _entry(outline: Outline, force: Array, moment: float) -> tuple[Array, Array] | None:
     """Where the line of a force first enters an outline, and the normal there; None if it enters nowhere plausibly."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (moment - cross(outline.vertices, force)) / cross(outline.edges, force)
@@ -184,4 +183,4 @@ def _entry(outline: Outline, force: Array, moment: float) -> tuple[tuple[float, 
         return None
     points = outline.vertices[enters] + on_edge[enters, None] * outline.edges[enters]
     first = int(np.argmin(points @ force))
-    return tuple(points[first].tolist()), tuple(outline.normals[enters[first]].tolist())
+    return points[first], outline.normals[enters[first]]

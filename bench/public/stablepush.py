@@ -77,6 +77,5 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
 
 
 def _observation(found: TwoFingerPushes, index: int) -> Observation:
-    (x, y), (nx, ny), half_width, *_ = (row[index].tolist() for row in found.pushes)
-    twist = Twist(*found.twists[index].tolist())
-    return Observation((x, y), (nx, ny), twist, index, half_width, stamp=(index + 1) * SECOND)
+    point, normal, half_width, *_ = (row[index].tolist() for row in found.pushes)
+    return Observation(point, normal, Twist(*found.twists[index].tolist()), index, half_width, stamp=(index + 1) * SECOND)

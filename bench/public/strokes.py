@@ -104,9 +104,8 @@ def observed(strokes: Sequence[Stroke], outline: Outline) -> Iterator[Observatio
         ):
             continue
         moved = rotation(-halfway.theta) @ np.subtract(one.tip_after, one.tip_before)
-        (x, y), (nx, ny), (vx, vy) = (row.tolist() for row in (feet[1], outline.normals[middle], moved))
-        push_id = number if one.run is None else one.run
-        yield Observation((x, y), (nx, ny), motion, push_id, stamp=(push_id + 1) * SECOND, tip_velocity=(vx, vy))
+        push = number if one.run is None else one.run
+        yield Observation(feet[1], outline.normals[middle], motion, push, stamp=(push + 1) * SECOND, tip_velocity=moved)
 
 
 def nearest_edges(outline: Outline, points: Array) -> tuple[Array, Array, Array]:
@@ -145,12 +144,11 @@ def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
         InvalidInput: the file cannot be written.
     """
     rows = [
-        (*one.before, *one.after, *one.tip_before, *one.tip_after, *(one.predicted or ()))
-        + (() if one.run is None else (one.run, one.tip_radius))
+        (*one.before, *one.after, *one.tip_before, *one.tip_after, *(one.predicted or ()), one.run, one.tip_radius)
         for one in strokes
     ]
     columns = (*COLUMNS, *PREDICTED * (strokes[0].predicted is not None), *RUN * (strokes[0].run is not None))
-    save_table(columns, rows, path)
+    save_table(columns, [row[: len(columns)] for row in rows], path)
 
 
 def save_set(name: str, strokes: Sequence[Stroke], observations: Sequence[Observation], out: pathlib.Path) -> Imported:
