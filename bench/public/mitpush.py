@@ -50,9 +50,6 @@ SIZES = {
 }
 """Along x and y [m]; a hexagon's is the circle round it."""
 
-RIGHT_ANGLE = 0.045
-"""Both coordinates of the right angle of a triangle [m]."""
-
 CURVE = 99
 """Corners of an ellipse."""
 
@@ -71,8 +68,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
     Raises:
         InvalidInput: the source is not such a clone.
     """
-    paths = sorted(source.glob(f"{FOLDER}/*.mat"))
-    found = [(*match.groups(), path) for path in paths if (match := FILE.fullmatch(path.name))]
+    found = [(*match.groups(), path) for path in sorted(source.glob(f"{FOLDER}/*")) if (match := FILE.fullmatch(path.name))]
     if not found:
         raise InvalidInput(f"{source}: no {FOLDER}/wrench1twist1*.mat; expected a clone of PlanarManipulationToolBox")
     written: Written = []
@@ -124,7 +120,7 @@ def outline_of(shape: str, clone: pathlib.Path) -> Outline:
     if shape.startswith("rect"):
         return Outline(np.array((x, y)) / 2 * ((1, 1), (-1, 1), (-1, -1), (1, -1)))
     if shape.startswith("tri"):
-        return Outline(RIGHT_ANGLE - np.array(((0, 0), (x, 0), (0, y))))
+        return Outline(0.045 - np.array(((0, 0), (x, 0), (0, y))))  # with the right angle at (0.045, 0.045)
     angles = np.arange(1, 7) * math.pi / 3 if shape == "hex" else np.arange(CURVE) * 2 * math.pi / CURVE
     return Outline(np.column_stack((np.cos(angles), np.sin(angles))) * (x, y) / 2)
 
@@ -178,9 +174,7 @@ def _entry(outline: Outline, force: Array, moment: float) -> tuple[Array, Array]
         share = (moment - cross(outline.vertices, force)) / cross(outline.edges, force)
     on_edge = np.clip(share, 0, 1)
     near = np.abs(share - on_edge) * outline.lengths <= AT_CORNER
-    enters = np.flatnonzero((-outline.normals @ force > math.cos(STEEPEST) * np.linalg.norm(force)) & near)
-    if not len(enters):
-        return None
-    points = outline.vertices[enters] + on_edge[enters, None] * outline.edges[enters]
-    first = int(np.argmin(points @ force))
-    return points[first], outline.normals[enters[first]]
+    enters = near & (-outline.normals @ force > math.cos(STEEPEST) * np.linalg.norm(force))
+    points = outline.vertices + on_edge[:, None] * outline.edges
+    first = np.argmin(np.where(enters, points @ force, np.inf))
+    return (points[first], outline.normals[first]) if enters[first] else None
