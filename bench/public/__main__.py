@@ -22,7 +22,6 @@ app = Application(pretty_exceptions_enable=False)
 DATA_SETS = {one.NAME: one for one in (zhou2015, stablepush, mitpush, cpush)}
 
 
-NAMES = f"Name of the public data set: {', '.join(DATA_SETS)}."
 SOURCES = """Part of the data set: for zhou2015 a log or push_points.csv, for stablepush stable_pushes.csv, for mitpush a clone
 of PlanarManipulationToolBox, for cpush the files of one or more runs."""
 OUT = "Folder to write: the bag, or a bag for each of several logs or objects; for mitpush and cpush, CSV files."
@@ -30,7 +29,7 @@ OUT = "Folder to write: the bag, or a bag for each of several logs or objects; f
 
 @app.command()
 def import_(
-    dataset: Annotated[str, typer.Argument(help=NAMES, show_default=False)],
+    dataset: Annotated[str, typer.Argument(help=f"Name of the public data set: {', '.join(DATA_SETS)}.", show_default=False)],
     sources: Annotated[list[pathlib.Path], typer.Argument(help=SOURCES, show_default=False)],
     out: Annotated[pathlib.Path, typer.Option(help=OUT, show_default=False)],
 ) -> None:

@@ -8,6 +8,7 @@ import math
 import pathlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from pushfric_core import InvalidInput, Observation, Outline
 from pushfric_core.files.csv_files import OPTIONAL, REQUIRED, read_table, save_table
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
-from pushfric_core.geometry.planar import Array, Pose, compose, exp, inverse, log, rotation, transform
+from pushfric_core.geometry.planar import Pose, compose, exp, inverse, log, rotation, transform
 
 STROKES, DATA_POINTS = ".strokes.csv", ".tip.csv"
 """After the name of a set, the names of its files."""
@@ -93,32 +94,23 @@ def observed(strokes: Sequence[Stroke], outline: Outline) -> Iterator[Observatio
     for number, one in enumerate(strokes):
         motion = log(compose(inverse(one.before), one.after))
         halfway = compose(one.before, exp(motion, 0.5))
+        poses = (one.before, halfway, one.after)
         tips = (one.tip_before, np.add(one.tip_before, one.tip_after) / 2, one.tip_after)
-        places = [transform(inverse(pose), tip) for pose, tip in zip((one.before, halfway, one.after), tips, strict=True)]
-        (begin, middle, end), feet, gaps = nearest_edges(outline, np.array(places))
+        places = np.array([[transform(inverse(pose), tip)] for pose, tip in zip(poses, tips, strict=True)])
+        along = np.clip(np.sum((places - outline.vertices) * outline.edges, axis=2) / outline.lengths**2, 0.0, 1.0)
+        feet = outline.vertices + along[..., None] * outline.edges  # the nearest points of each edge
+        gaps = np.linalg.norm(places - feet, axis=2)
+        begin, middle, end = gaps.argmin(axis=1)  # a corner belongs to the first of its two edges
         if (
             abs(motion.omega) > LARGEST_TURN
             or math.hypot(motion.vx, motion.vy) < LEAST_WAY
-            or np.abs(gaps - one.tip_radius).max() > LARGEST_GAP
+            or np.abs(gaps.min(axis=1) - one.tip_radius).max() > LARGEST_GAP
             or outline.normals[begin] @ outline.normals[end] < math.cos(SAME_SIDE)
         ):
             continue
         moved = rotation(-halfway.theta) @ np.subtract(one.tip_after, one.tip_before)
         push = number if one.run is None else one.run
-        yield Observation(feet[1], outline.normals[middle], motion, push, stamp=(push + 1) * SECOND, tip_velocity=moved)
-
-
-def nearest_edges(outline: Outline, points: Array) -> tuple[Array, Array, Array]:
-    """The edges (k,) nearest to points (k, 2), the nearest points of them (k, 2), and the distances (k,) [m].
-
-    A corner belongs to the first of its two edges.
-    """
-    offsets = points[:, None] - outline.vertices
-    along = np.clip(np.sum(offsets * outline.edges, axis=2) / outline.lengths**2, 0.0, 1.0)
-    feet = outline.vertices + along[..., None] * outline.edges
-    distances = np.linalg.norm(points[:, None] - feet, axis=2)
-    edges, rows = distances.argmin(axis=1), np.arange(len(points))
-    return edges, feet[rows, edges], distances[rows, edges]
+        yield Observation(feet[1, middle], outline.normals[middle], motion, push, stamp=(push + 1) * SECOND, tip_velocity=moved)
 
 
 def read_strokes(path: pathlib.Path) -> list[Stroke]:
@@ -143,12 +135,10 @@ def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
     Raises:
         InvalidInput: the file cannot be written.
     """
-    rows = [
-        (*one.before, *one.after, *one.tip_before, *one.tip_after, *(one.predicted or ()), one.run, one.tip_radius)
-        for one in strokes
-    ]
     columns = (*COLUMNS, *PREDICTED * (strokes[0].predicted is not None), *RUN * (strokes[0].run is not None))
-    save_table(columns, [row[: len(columns)] for row in rows], path)
+    # the fields of a stroke have the order of the columns; without a run, the last two are left out
+    rows = [(*chain(*one[:4]), *(one.predicted or ()), *one[5:])[: len(columns)] for one in strokes]
+    save_table(columns, rows, path)
 
 
 def save_set(name: str, strokes: Sequence[Stroke], observations: Sequence[Observation], out: pathlib.Path) -> Imported:

@@ -140,8 +140,7 @@ def _observation(index: int, numbers: Iterator[float], outline: Outline) -> Obse
     if edge is None or abs(distance) > LARGEST_GAP or not any(motion) or not pressed.any():
         return None
     # the tip's places in the object's frame at first touch and at the end: its motion there adds to the contact's motion
-    travel = transform(inverse(after), last[:2]) - transform(inverse(before), first[:2])
-    velocity = velocity_at(motion, point) + travel
+    velocity = velocity_at(motion, point) + (transform(inverse(after), last[:2]) - transform(inverse(before), first[:2]))
     force = rotation(halfway[2] - pose.theta) @ (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
     stamp = round(middle * SECOND)
     return Observation(point, normal, motion, index, stamp=stamp, pose=pose, force=force, tip_velocity=velocity)
