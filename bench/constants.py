@@ -227,15 +227,17 @@ def cases(topic: str, seeds: int, folders: tuple[pathlib.Path, ...]) -> list[Cas
     return list({"mu_c": _sliding, "doubts": _spoilt, "mistakes": _wrong}[topic](seeds))
 
 
-def _studied(seeds: int, salt: int) -> Iterator[tuple[TableObject, list[PlannedPush], np.random.Generator]]:
-    """Each simulated object with all its pushes, and chance of its own."""
-    for seed, (number, studied) in itertools.product(range(seeds), enumerate(objects().values())):
+def _studied(
+    known: Iterable[TableObject], seeds: int, salt: int
+) -> Iterator[tuple[TableObject, list[PlannedPush], np.random.Generator]]:
+    """Each known object with all its pushes, and chance of its own."""
+    for seed, (number, studied) in itertools.product(range(seeds), enumerate(known)):
         yield studied, even_pushes(studied.outline, studied.pushes), np.random.default_rng((seed, number, salt))
 
 
 def _simulated(seeds: int) -> Iterator[Case]:
     """After FEW pushes, and after all."""
-    for studied, plan, rng in _studied(seeds, 7):
+    for studied, plan, rng in _studied(objects().values(), seeds, 7):
         pushed = moved(studied, plan, rng)
         order = rng.permutation(len(pushed)).tolist()
         for spread, count in itertools.product(NOISES.values(), (FEW, len(pushed))):
@@ -254,23 +256,21 @@ def _public(sets: Sequence[PublicSet]) -> Iterator[Case]:
 
 
 def _sliding(seeds: int) -> Iterator[Case]:
-    for seed, (number, known) in itertools.product(range(seeds), enumerate(TABLE_1.values())):
-        rng = np.random.default_rng((seed, number, 8))
-        pushes = even_pushes(known.outline, known.pushes)
+    for known, pushes, rng in _studied(TABLE_1.values(), seeds, 8):
         for plan in (pushes, pushes + slipping_pushes(known.outline, (0, 2))):
             data = filmed(known.outline, moved(known, plan, rng), known.noise, rng)
             yield Case(SIMULATION, known.support_points, data, known.mu_c)
 
 
 def _spoilt(seeds: int) -> Iterator[Case]:
-    for studied, _, rng in _studied(seeds, 9):
+    for studied, _, rng in _studied(objects().values(), seeds, 9):
         for _, right, data in screened_runs(studied, rng):
             yield Case(SIMULATION, studied.support_points, data, right)
 
 
 def _wrong(seeds: int) -> Iterator[Case]:
     """Motions that a mistake spoilt, without the tip, which would say much of them by itself."""
-    for studied, plan, rng in _studied(seeds, 10):
+    for studied, plan, rng in _studied(objects().values(), seeds, 10):
         pushed = moved(studied, plan, rng)
         data = [replace(one, tip_velocity=None) for one in filmed(studied.outline, pushed, NOISES["FEET"], rng)]
         yield Case(SIMULATION, studied.support_points, data, None)

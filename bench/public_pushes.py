@@ -79,7 +79,7 @@ class PublicSet(NamedTuple):
     name: str
     model: ObjectModel
     strokes: Sequence[Stroke]
-    observations: Sequence[Observation | None]  # of each stroke; None: it is no observation
+    data: Sequence[Observation]  # of the strokes that are observations
     steps: Sequence[Sequence[Observation]]  # of each stroke, whether or not it is an observation
     groups: Sequence[int]  # each stroke's push, or the run to which it belongs: fitted or rolled out together
     quartic: Sequence[Pose | None]  # where a published quartic predicts each stroke to end
@@ -87,13 +87,7 @@ class PublicSet(NamedTuple):
     @property
     def label(self) -> Array:
         """p_CF (2,) [m] if the pressure is even: the centroid of the outline."""
-        centroid = self.model.outline.polygon.centroid
-        return np.array((centroid.x, centroid.y))
-
-    @property
-    def data(self) -> list[Observation]:
-        """The observations of the strokes that are observations."""
-        return [one for one in self.observations if one is not None]
+        return np.array(self.model.outline.polygon.centroid.coords[0])
 
 
 def measure(sets: Sequence[PublicSet], plot: pathlib.Path, progress: Callable[[str], None]) -> Figures:
@@ -155,8 +149,7 @@ def sets_in(folder: pathlib.Path) -> list[PublicSet]:
         InvalidInput: there is none, or one cannot be read.
     """
     found = [_of_strokes(path) for path in sorted(folder.glob(f"*{STROKES}"))]
-    bags = sorted(path.parent for path in folder.glob(f"*/{OBJECT_FILE}"))
-    for bag in bags:
+    for bag in sorted(path.parent for path in folder.glob(f"*/{OBJECT_FILE}")):
         model = load_object(str(bag / OBJECT_FILE))
         data = Recorded(bag).read(model, EstimatorSettings(), lambda line: None).observations
         found.append(_of_observations(folder.name, bag.name, model, data))
@@ -172,29 +165,27 @@ def _of_strokes(path: pathlib.Path) -> PublicSet:
     name = path.name.removesuffix(STROKES)
     model = load_object(str(path.with_name(f"{name.rpartition('_')[2]}.yaml")))
     strokes = read_strokes(path)
-    data = observed(strokes, model.outline)
+    data = list(observed(strokes, model.outline))
     other = path.with_name(f"{name}{POLY4}")
     quartic = {(one.before, one.tip_before): one.predicted for one in (read_strokes(other) if other.is_file() else ())}
     runs = [row if one.run is None else one.run for row, one in enumerate(strokes)]
-    steps = [_steps(one, model.outline, run) for one, run in zip(strokes, runs, strict=True)]
+    steps = [list(_steps(one, model.outline, run)) for one, run in zip(strokes, runs, strict=True)]
     ends = [quartic.get((one.before, one.tip_before)) for one in strokes]
     return PublicSet(path.parent.name, name, model, strokes, data, steps, runs, ends)
 
 
-def _steps(stroke: Stroke, outline: Outline, push_id: int) -> list[Observation]:
+def _steps(stroke: Stroke, outline: Outline, push_id: int) -> Iterator[Observation]:
     """A stroke in steps of about STRETCH: what the belief takes of it, with the object on the screw between the poses seen."""
     motion = planar.log(planar.compose(planar.inverse(stroke.before), stroke.after))
     way = np.subtract(stroke.tip_after, stroke.tip_before)
     count = max(1, math.ceil(float(np.linalg.norm(way)) / STRETCH))
-    steps = []
     for step in range(count if any(motion) else 0):
         share = (step + 0.5) / count
         pose = planar.compose(stroke.before, planar.exp(motion, share))
         touch = outline.nearest(transform(planar.inverse(pose), np.add(stroke.tip_before, share * way)))
-        (x, y), (nx, ny), (vx, vy) = touch.point.tolist(), touch.normal.tolist(), (rotation(-pose.theta) @ way / count).tolist()
+        tip = rotation(-pose.theta) @ way / count
         turned = Twist(*(value / count for value in motion))
-        steps.append(Observation((x, y), (nx, ny), turned, push_id, duration=1.0, stamp=step + 1, tip_velocity=(vx, vy)))
-    return steps
+        yield Observation(touch.point, touch.normal, turned, push_id, duration=1.0, stamp=step + 1, tip_velocity=tip)
 
 
 def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[Observation]) -> PublicSet:
@@ -204,7 +195,7 @@ def _of_observations(folder: str, name: str, model: ObjectModel, data: Sequence[
     for one in known:
         begin, end = (np.add(one.contact_point, np.multiply(half, one.tip_velocity)).tolist() for half in (-0.5, 0.5))
         before, after = planar.exp(one.twist, -0.5), planar.exp(one.twist, 0.5)
-        strokes.append(Stroke(before, after, (begin[0], begin[1]), (end[0], end[1]), tip_radius=0.0))
+        strokes.append(Stroke(before, after, tuple(begin), tuple(end), tip_radius=0.0))
     groups = [one.push_id for one in known]
     return PublicSet(folder, name, model, strokes, known, [[one] for one in known], groups, [None] * len(known))
 

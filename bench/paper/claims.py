@@ -59,9 +59,8 @@ def claims(seeds: Sequence[Mapping[str, Any]]) -> list[Claim]:
     def worst(text: str, held: str, keys: Iterable[str]) -> Claim:
         asked = (leaf for path, leaf in leaves({key: found[key] for key in keys}) if path[-1] == held and "grid_4" not in path)
         leaf = min(asked, key=lambda one: one["held"] / one["of"])
-        interval = stats.binomtest(leaf["held"], leaf["of"]).proportion_ci(SHARE, "exact")
-        spread = (float(interval.low), float(interval.high))
-        return Claim(text, int(np.ceil(SURE * leaf["of"])), leaf["held"], leaf["of"], spread, True)
+        low, high = map(float, stats.binomtest(leaf["held"], leaf["of"]).proportion_ci(SHARE, "exact"))
+        return Claim(text, int(np.ceil(SURE * leaf["of"])), leaf["held"], leaf["of"], (low, high), True)
 
     def near(text: str, asked: Callable[[Path], bool], known: str = "reference") -> Claim:
         all_close = _close(found, asked, known)

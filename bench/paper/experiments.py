@@ -88,8 +88,7 @@ class Weights(NamedTuple):
 
     def _at_feet(self, distance: float) -> np.ndarray:
         """Mask (n,) of the points that lie within a distance [m] of a foot."""
-        between = np.linalg.norm(self.points[:, None] - TABLE_1[self.name].support.points, axis=2)
-        return between.min(axis=1) <= distance
+        return np.linalg.norm(self.points[:, None] - TABLE_1[self.name].support.points, axis=2).min(axis=1) <= distance
 
 
 def run_seed(seed: int) -> Seed:
@@ -190,8 +189,7 @@ def _contact_friction(
     numbers["wood_rect4_all_data"]["bad_data_points"] = len(bad) - len(seen["wood_rect4"])
     forces = [contact_friction.contact_forces(one, support_forces(points["rubber_rect4"], one.twist)) for one in slipping]
     slipped = np.concatenate([contact_friction.lower_bounds(one, fits["rubber_rect4"].w) for one in forces])
-    extremes = {"low": float(slipped.min()), "high": float(slipped.max())}
-    numbers["rubber_rect4_slipping"] = {**extremes, "data_points": len(slipping)}
+    numbers["rubber_rect4_slipping"] = {"low": float(slipped.min()), "high": float(slipped.max()), "data_points": len(slipping)}
     return numbers, {**bounds, "rubber_rect4_slipping": slipped}
 
 
@@ -265,16 +263,14 @@ def _fit_errors(
 ) -> dict[str, float]:
     """The fit error of each hypothesis [cm], by name; infinite if no w satisfies its hard constraints."""
     recognizer = Recognizer(hypotheses, config)
-    for observation in observations:
-        ranking = recognizer.add(observation)
+    ranking = [recognizer.add(one) for one in observations][-1]
     errors = {one.name: one.fit_error * CENTIMETRE for one in ranking.hypotheses}
     return {hypothesis.name: errors[hypothesis.name] for hypothesis in hypotheses}
 
 
 def _sample(observations: list[Observation], size: int, rng: np.random.Generator) -> list[Observation]:
     """A random sample of this many observations, or all of them if there are fewer."""
-    chosen = rng.choice(len(observations), min(size, len(observations)), replace=False)
-    return [observations[i] for i in chosen]
+    return [observations[i] for i in rng.choice(len(observations), min(size, len(observations)), replace=False)]
 
 
 def _subsets(observations: list[Observation], rng: np.random.Generator) -> Nested:

@@ -171,12 +171,11 @@ def objects() -> dict[str, TableObject]:
         np.array((0.3, 0.15, 0.25, 0.2, 0.1)),
     )
     three = Support(np.array(((-0.047, -0.028), (0.052, -0.012), (-0.006, 0.033))), np.array((0.25, 0.45, 0.3)))
-    runners = _area(plate, lambda x, y: (np.abs(np.abs(y) - 0.035) < 0.006) * (0.8 + 0.2 * np.sign(y)))
     shapes = {
         "L": (angle, _area(angle, lambda x, y: np.ones_like(x)), (4, 1, 2, 2, 1, 4)),
         "ring": (disc, _area(disc, lambda x, y: np.hypot(x, y) > 0.035), (2, 1) * 6),
         "eccentric": (plate, _area(plate, lambda x, y: 1 + 1.6 * x / 0.065 + 0.9 * y / 0.045), on_plate),
-        "runners": (plate, runners, on_plate),
+        "runners": (plate, _area(plate, lambda x, y: (np.abs(np.abs(y) - 0.035) < 0.006) * (0.8 + 0.2 * np.sign(y))), on_plate),
         "five_feet": (plate, five, on_plate),
         "three_feet": (plate, three, on_plate),
     }

@@ -147,12 +147,11 @@ def _totals(said: Iterable[tuple[str, Nested]]) -> Nested:
 def _found(data: Iterable[Observation], points: Array, truth: Array) -> Nested:
     """Errors of an estimate [mm], and its own figures for them; `given` is false if it has none."""
     _, estimate = estimated(data, points)
-    belief = estimate.belief
     numbers = {"error": float(np.hypot(*(estimate.center_of_friction - truth))), "given": estimate.confidence is not None}
     if numbers["given"]:
-        numbers["middle"], square = center_off(belief, truth)
+        numbers["middle"], square = center_off(estimate.belief, truth)
         numbers["held"] = square <= ELLIPSE
-        numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(belief.covariance))))
+        numbers["radius"] = math.sqrt(ELLIPSE * math.sqrt(float(np.linalg.det(estimate.belief.covariance))))
     return numbers
 
 

@@ -3,8 +3,6 @@
 import pathlib
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -24,7 +22,6 @@ app = Application(pretty_exceptions_enable=False)
 DATA_SETS = {one.NAME: one for one in (zhou2015, stablepush, mitpush, cpush)}
 
 
-NAMES = f"Name of the public data set: {', '.join(DATA_SETS)}."
 SOURCES = """Part of the data set: for zhou2015 a log or push_points.csv, for stablepush stable_pushes.csv, for mitpush a clone
 of PlanarManipulationToolBox, for cpush the files of one or more runs."""
 OUT = "Folder to write: the bag, or a bag for each of several logs or objects; for mitpush and cpush, CSV files."
@@ -32,7 +29,7 @@ OUT = "Folder to write: the bag, or a bag for each of several logs or objects; f
 
 @app.command()
 def import_(
-    dataset: Annotated[str, typer.Argument(help=NAMES, show_default=False)],
+    dataset: Annotated[str, typer.Argument(help=f"Name of the public data set: {', '.join(DATA_SETS)}.", show_default=False)],
     sources: Annotated[list[pathlib.Path], typer.Argument(help=SOURCES, show_default=False)],
     out: Annotated[pathlib.Path, typer.Option(help=OUT, show_default=False)],
 ) -> None:
@@ -41,11 +38,16 @@ def import_(
         raise InvalidInput(f"unknown data set {dataset!r}; expected {' or '.join(DATA_SETS)}")
     if len(sources) > 1 and dataset != cpush.NAME:
         raise InvalidInput(f"{sources[1]}: only {cpush.NAME} takes more than one source")
-    with whole_folder(out) as draft:
+    if out.exists():
+        raise InvalidInput(f"{out}: exists already; expected the name of a folder to make")
+    make_folder(out.parent)
+    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as around:  # vanishes if something fails
+        draft = pathlib.Path(around, out.name)  # the files of a bag are named after its folder
         imported = DATA_SETS[dataset].import_pushes(sources if dataset == cpush.NAME else sources[0], draft)
         left_out = [one for one in imported if isinstance(one, InvalidInput)]
         if len(left_out) == len(imported):
             raise left_out[0]
+        draft.rename(out)
     for one in imported:
         if isinstance(one, InvalidInput):
             warn(f"left out: {one}")
@@ -53,22 +55,6 @@ def import_(
             say(f"{out / one.path.relative_to(draft)}: {counted(one.observations, 'observation')} of {one.object}")
     if left_out:
         warn(f"{counted(len(left_out), 'part')} of the data set left out")
-
-
-@contextmanager
-def whole_folder(out: pathlib.Path) -> Iterator[pathlib.Path]:
-    """A folder to make, which becomes `out` when the block ends, or vanishes if it fails.
-
-    Raises:
-        InvalidInput: `out` exists already, or cannot be made.
-    """
-    if out.exists():
-        raise InvalidInput(f"{out}: exists already; expected the name of a folder to make")
-    make_folder(out.parent)
-    with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as around:
-        draft = pathlib.Path(around, out.name)  # the files of a bag are named after its folder
-        yield draft
-        draft.rename(out)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.public.strokes import Stroke, Written, leaving_out, observed, save_model, save_set
+from bench.public.strokes import LARGEST, Stroke, Written, leaving_out, observed, save_model, save_set
 from pushfric_core import InvalidInput, Outline
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform
 from pushfric_core.wording import counted, shortened
@@ -31,9 +31,6 @@ POKED = re.compile(r"pertur?bation", re.IGNORECASE)
 
 SURFACES = ("black", "plywood")
 """A file of which the name has one of these is of a run on that surface; the others are on the usual one."""
-
-LARGEST = 1e12
-"""Largest number accepted in a file; times are seconds since 1970."""
 
 
 def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> Written:
@@ -55,16 +52,12 @@ def import_pushes(sources: Sequence[pathlib.Path], out: pathlib.Path) -> Written
             sets.setdefault(surface, []).extend(stroke._replace(run=run) for stroke in strokes)
     save_model(BLOCK, outline, out)
     for name, strokes in sets.items():
-        strokes = _with_radius(strokes, outline)
-        written.append(save_set(f"{name}_{BLOCK}", strokes, observed(strokes, outline), out))
+        # the radius of the tip: its distance from the outline, in the median over begins and ends
+        ends = [end for one in strokes for end in ((one.before, one.tip_before), (one.after, one.tip_after))]
+        radius = float(np.median(outline.distances_to([transform(inverse(pose), tip) for pose, tip in ends])))
+        strokes = [stroke._replace(tip_radius=radius) for stroke in strokes]
+        written.append(save_set(f"{name}_{BLOCK}", strokes, list(observed(strokes, outline)), out))
     return written
-
-
-def _with_radius(strokes: Sequence[Stroke], outline: Outline) -> list[Stroke]:
-    """The strokes with the radius of the tip: its distance from the outline, in the median over begins and ends."""
-    ends = [end for one in strokes for end in ((one.before, one.tip_before), (one.after, one.tip_after))]
-    radius = float(np.median(outline.distances_to([transform(inverse(pose), tip) for pose, tip in ends])))
-    return [stroke._replace(tip_radius=radius) for stroke in strokes]
 
 
 def read_run(path: pathlib.Path) -> list[Stroke]:
@@ -77,13 +70,21 @@ def read_run(path: pathlib.Path) -> list[Stroke]:
         raise InvalidInput(f"{path}: the block was poked by hand in this run")
     try:
         content = json.loads(path.read_text())
-        times, block, tip = (_table(content, key, rows) for key, rows in KEYS.items())
+        rows = [row for key, count in KEYS.items() for row in _table(content, key, count)]
     except (OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError) as error:
         raise InvalidInput(f"{path}: not a run of {NAME}: {type(error).__name__}: {shortened(str(error))}") from error
-    count = min(times.shape[1], block.shape[1], tip.shape[1])  # they may differ by a few
-    run = np.vstack([table[:, :count] for table in (times, block, tip)])
-    run = run[:, np.isfinite(run).all(axis=0)]  # some values are null
-    strokes = _strokes(run[0], run[1:4], run[4:].T)
+    run = np.array(list(zip(*rows, strict=False)))  # they may differ in length by a few
+    run = run[np.isfinite(run).all(axis=1)]  # some values are null
+    times, block, tip = run[:, 0], run[:, 1:4], run[:, 4:]
+    # between new values of the block's pose, the last one is repeated
+    new = np.concatenate(([True], np.diff(block, axis=0).any(axis=1)))
+    block[:, 2] = np.unwrap(block[:, 2])
+    strokes, begin = [], 0
+    while begin < len(tip) and len(further := np.flatnonzero(np.linalg.norm(tip[begin:] - tip[begin], axis=1) >= LENGTH)):
+        end = begin + int(further[0])
+        before, after = (Pose(*(float(np.interp(times[k], times[new], row[new])) for row in block.T)) for k in (begin, end))
+        strokes.append(Stroke(before, after, tuple(tip[begin].tolist()), tuple(tip[end].tolist())))
+        begin = end
     if not strokes:
         raise InvalidInput(f"{path}: the tip goes less than {1e3 * LENGTH:g} mm")
     return strokes
@@ -95,18 +96,3 @@ def _table(content: dict[str, Any], key: str, rows: int) -> Array:
     if table.ndim != 2 or len(table) != rows or not table.size or (np.abs(table) > LARGEST).any():
         raise ValueError(f"{key} must be {counted(rows, 'list')} of numbers, got an array of shape {table.shape}")
     return table
-
-
-def _strokes(times: Array, block: Array, tip: Array) -> list[Stroke]:
-    """Cut a run: times (n,), poses of the block (3, n) and places of the tip (n, 2)."""
-    # between new values of its pose, the last one is repeated
-    new = np.concatenate(([True], (np.diff(block, axis=1) != 0).any(axis=0)))
-    block[2] = np.unwrap(block[2])
-    strokes, begin = [], 0
-    while begin < len(tip) and len(further := np.flatnonzero(np.linalg.norm(tip[begin:] - tip[begin], axis=1) >= LENGTH)):
-        end = begin + int(further[0])
-        before, after = (Pose(*(float(np.interp(times[k], times[new], row[new])) for row in block)) for k in (begin, end))
-        (x0, y0), (x1, y1) = tip[begin].tolist(), tip[end].tolist()
-        strokes.append(Stroke(before, after, (x0, y0), (x1, y1)))
-        begin = end
-    return strokes

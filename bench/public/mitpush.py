@@ -11,7 +11,7 @@ and pairs of force and motion that the model was fitted to.
 import math
 import pathlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -50,9 +50,6 @@ SIZES = {
 }
 """Along x and y [m]; a hexagon's is the circle round it."""
 
-RIGHT_ANGLE = 0.045
-"""Both coordinates of the right angle of a triangle [m]."""
-
 CURVE = 99
 """Corners of an ellipse."""
 
@@ -71,8 +68,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
     Raises:
         InvalidInput: the source is not such a clone.
     """
-    files = sorted(source.glob(f"{FOLDER}/*.mat"))
-    found = [(*match.groups(), path) for path in files if (match := FILE.fullmatch(path.name))]
+    found = [(*match.groups(), path) for path in sorted(source.glob(f"{FOLDER}/*")) if (match := FILE.fullmatch(path.name))]
     if not found:
         raise InvalidInput(f"{source}: no {FOLDER}/wrench1twist1*.mat; expected a clone of PlanarManipulationToolBox")
     written: Written = []
@@ -89,7 +85,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
             if model == "poly4":
                 save_strokes(strokes, out / f"{name}{POLY4}")
             else:
-                written.append(save_set(name, strokes, _rounded(shape, observed(strokes, outline)), out))
+                written.append(save_set(name, strokes, _rounded(shape, list(observed(strokes, outline))), out))
                 save_observations(_rounded(shape, pairs), out / f"{name}.csv")
     return written
 
@@ -124,19 +120,17 @@ def outline_of(shape: str, clone: pathlib.Path) -> Outline:
     if shape.startswith("rect"):
         return Outline(np.array((x, y)) / 2 * ((1, 1), (-1, 1), (-1, -1), (1, -1)))
     if shape.startswith("tri"):
-        return Outline(RIGHT_ANGLE - np.array(((0, 0), (x, 0), (0, y))))
+        return Outline(0.045 - np.array(((0, 0), (x, 0), (0, y))))  # with the right angle at (0.045, 0.045)
     angles = np.arange(1, 7) * math.pi / 3 if shape == "hex" else np.arange(CURVE) * 2 * math.pi / CURVE
     return Outline(np.column_stack((np.cos(angles), np.sin(angles))) * (x, y) / 2)
 
 
-def _rounded(shape: str, observations: Iterable[Observation | None]) -> list[Observation]:
-    """The observations that there are; on an ellipse, with the normal of the curve, not of one of its edges."""
-    found = [one for one in observations if one is not None]
+def _rounded(shape: str, found: list[Observation]) -> list[Observation]:
+    """The observations; on an ellipse, with the normal of the curve, not of one of its edges."""
     if not shape.startswith("ellip"):
         return found
     normals = [np.divide(one.contact_point, np.square(SIZES[shape])) for one in found]
-    unit = [tuple((normal / math.hypot(*normal)).tolist()) for normal in normals]
-    return [replace(one, contact_normal=normal) for one, normal in zip(found, unit, strict=True)]
+    return [replace(one, contact_normal=normal / math.hypot(*normal)) for one, normal in zip(found, normals, strict=True)]
 
 
 def _listed(shape: str, path: pathlib.Path) -> Outline:
@@ -149,8 +143,7 @@ def _listed(shape: str, path: pathlib.Path) -> Outline:
         rows = [found for row in re.split(r"[;\n\[\]]", matrix) if (found := row.replace(",", " ").split())]
         if len(rows) > 2 and all(len(row) == 2 for row in rows):
             with blaming(f"{path}: the outline of {shape}", ValueError, PushfricError):
-                corners = np.array(rows, dtype=float)
-                return Outline(corners[np.any(corners != np.roll(corners, -1, axis=0), axis=1)])  # perhaps closed
+                return Outline(np.array(rows, dtype=float))
     raise InvalidInput(f"{path}: the outline of {shape}: expected a matrix of at least 3 rows of two numbers after '{shape}'")
 
 
@@ -168,24 +161,20 @@ def _pairs(training: Any, outline: Outline) -> Iterator[Observation]:
     length = float(np.mean(np.linalg.norm(outline.vertices - outline.vertices.mean(axis=0), axis=1)))
     for row, ((fx, fy, m), (vx, vy, turn)) in enumerate(zip(wrenches.tolist(), twists.tolist(), strict=True)):
         entry = _entry(outline, np.array((fx, fy)), m * length)
-        if entry is None or not any((vx, vy, turn)):
-            continue
-        # the difference of two poses, over the time between them: to the velocity that leads from one to the other
-        omega = turn / length
-        screw = log(Pose(vx * STEP, vy * STEP, omega * STEP))
-        yield Observation(*entry, Twist(screw.vx / STEP, screw.vy / STEP, omega), row, force=(fx, fy))
+        if entry is not None and any((vx, vy, turn)):
+            # the difference of two poses, over the time between them: to the velocity that leads from one to the other
+            omega = turn / length
+            screw = log(Pose(vx * STEP, vy * STEP, omega * STEP))
+            yield Observation(*entry, Twist(screw.vx / STEP, screw.vy / STEP, omega), row, force=(fx, fy))
 
 
-def _entry(outline: Outline, force: Array, moment: float) -> tuple[tuple[float, float], tuple[float, float]] | None:
+def _entry(outline: Outline, force: Array, moment: float) -> tuple[Array, Array] | None:
     """Where the line of a force first enters an outline, and the normal there; None if it enters nowhere plausibly."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (moment - cross(outline.vertices, force)) / cross(outline.edges, force)
     on_edge = np.clip(share, 0, 1)
     near = np.abs(share - on_edge) * outline.lengths <= AT_CORNER
-    enters = np.flatnonzero((-outline.normals @ force > math.cos(STEEPEST) * np.linalg.norm(force)) & near)
-    if not len(enters):
-        return None
-    points = outline.vertices[enters] + on_edge[enters, None] * outline.edges[enters]
-    first = int(np.argmin(points @ force))
-    (x, y), (nx, ny) = points[first].tolist(), outline.normals[enters[first]].tolist()
-    return (x, y), (nx, ny)
+    enters = near & (-outline.normals @ force > math.cos(STEEPEST) * np.linalg.norm(force))
+    points = outline.vertices + on_edge[:, None] * outline.edges
+    first = np.argmin(np.where(enters, points @ force, np.inf))
+    return (points[first], outline.normals[first]) if enters[first] else None

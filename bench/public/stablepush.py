@@ -23,6 +23,7 @@ COLUMNS = (
     *("object", "cx_mm", "cy_mm", "nx", "ny", "half_width_mm", "cor_x_mm", "cor_y_mm", "commanded_rad"),
     *("dx_mm", "dy_mm", "dtheta_rad", "stable"),
 )
+UNITS = [MILLIMETRE if name.endswith("_mm") else 1.0 for name in COLUMNS[1:]]
 
 
 class TwoFingerPushes(NamedTuple):
@@ -31,12 +32,6 @@ class TwoFingerPushes(NamedTuple):
     pushes: EdgePushes
     twists: Array  # (k, 3) measured displacement of the object-frame origin [m, m, rad]
     stable: np.ndarray  # (k,) bool, measured
-
-    @classmethod
-    def of(cls, rows: Array) -> "TwoFingerPushes":
-        lengths = rows[:, [0, 1, 4, 5, 6]] * MILLIMETRE
-        edge = EdgePushes(lengths[:, :2], rows[:, 2:4], lengths[:, 2], lengths[:, 3:], np.sign(rows[:, 7]))
-        return cls(edge, rows[:, 8:11] * (MILLIMETRE, MILLIMETRE, 1.0), rows[:, 11] > 0)
 
 
 def read_stable_pushes(path: pathlib.Path) -> dict[str, TwoFingerPushes]:
@@ -48,7 +43,12 @@ def read_stable_pushes(path: pathlib.Path) -> dict[str, TwoFingerPushes]:
     objects: dict[str, list[list[float]]] = {}
     for row in read_table(path, COLUMNS, "pushes", f"stable_pushes.csv of {NAME}").rows:
         objects.setdefault(row.texts["object"], []).append(row.numbers(COLUMNS[1:]))
-    return {name: TwoFingerPushes.of(np.array(rows)) for name, rows in objects.items()}
+    return {name: _pushes(np.array(rows) * UNITS) for name, rows in objects.items()}
+
+
+def _pushes(rows: Array) -> TwoFingerPushes:
+    edge = EdgePushes(rows[:, :2], rows[:, 2:4], rows[:, 4], rows[:, 5:7], np.sign(rows[:, 7]))
+    return TwoFingerPushes(edge, rows[:, 8:11], rows[:, 11] > 0)
 
 
 def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
@@ -77,6 +77,5 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
 
 
 def _observation(found: TwoFingerPushes, index: int) -> Observation:
-    (x, y), (nx, ny), half_width, *_ = (row[index].tolist() for row in found.pushes)
-    twist = Twist(*found.twists[index].tolist())
-    return Observation((x, y), (nx, ny), twist, index, half_width, stamp=(index + 1) * SECOND)
+    point, normal, half_width, *_ = (row[index].tolist() for row in found.pushes)
+    return Observation(point, normal, Twist(*found.twists[index].tolist()), index, half_width, stamp=(index + 1) * SECOND)

@@ -6,8 +6,9 @@ SURFACE_OBJECT.csv with pairs of force and motion, and for each object OBJECT.ya
 
 import math
 import pathlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +16,7 @@ import numpy as np
 from pushfric_core import InvalidInput, Observation, Outline
 from pushfric_core.files.csv_files import OPTIONAL, REQUIRED, read_table, save_table
 from pushfric_core.files.object_file import ObjectFile, SupportFile, make_object, save_object
-from pushfric_core.geometry import planar
-from pushfric_core.geometry.planar import Array, Pose, compose, exp, inverse, rotation, transform
+from pushfric_core.geometry.planar import Pose, compose, exp, inverse, log, rotation, transform
 
 STROKES, DATA_POINTS = ".strokes.csv", ".tip.csv"
 """After the name of a set, the names of its files."""
@@ -49,6 +49,9 @@ SAME_SIDE = math.radians(50)
 
 SECOND = 10**9
 
+LARGEST = 1e12
+"""Largest number accepted in a file; times are seconds since 1970."""
+
 
 class Imported(NamedTuple):
     """A bag, or a set of CSV files, that was written."""
@@ -73,24 +76,6 @@ class Stroke(NamedTuple):
     run: int | None = None  # the push of which it is a part; None: it is a push
     tip_radius: float = USUAL_RADIUS  # [m]
 
-    def observation(self, outline: Outline, push_id: int) -> Observation | None:
-        """The screw of the whole stroke, with the contact halfway; None if that would not be an observation."""
-        motion = planar.log(compose(inverse(self.before), self.after))
-        halfway = compose(self.before, exp(motion, 0.5))
-        tips = (self.tip_before, np.add(self.tip_before, self.tip_after) / 2, self.tip_after)
-        places = [transform(inverse(pose), tip) for pose, tip in zip((self.before, halfway, self.after), tips, strict=True)]
-        edges, feet, gaps = nearest_edges(outline, np.array(places))
-        if (
-            abs(motion.omega) > LARGEST_TURN
-            or math.hypot(motion.vx, motion.vy) < LEAST_WAY
-            or np.abs(gaps - self.tip_radius).max() > LARGEST_GAP
-            or outline.normals[edges[0]] @ outline.normals[edges[2]] < math.cos(SAME_SIDE)
-        ):
-            return None
-        moved = rotation(-halfway.theta) @ np.subtract(self.tip_after, self.tip_before)
-        (x, y), (nx, ny), (vx, vy) = (row.tolist() for row in (feet[1], outline.normals[edges[1]], moved))
-        return Observation((x, y), (nx, ny), motion, push_id, stamp=(push_id + 1) * SECOND, tip_velocity=(vx, vy))
-
 
 @contextmanager
 def leaving_out(written: Written) -> Iterator[None]:
@@ -101,17 +86,31 @@ def leaving_out(written: Written) -> Iterator[None]:
         written.append(error)
 
 
-def nearest_edges(outline: Outline, points: Array) -> tuple[Array, Array, Array]:
-    """The edges (k,) nearest to points (k, 2), the nearest points of them (k, 2), and the distances (k,) [m].
+def observed(strokes: Sequence[Stroke], outline: Outline) -> Iterator[Observation]:
+    """The strokes that are observations: the screw of the whole stroke, with the contact halfway.
 
-    A corner belongs to the first of its two edges.
+    The push is the run, or else the number of the stroke.
     """
-    offsets = points[:, None] - outline.vertices
-    along = np.clip(np.sum(offsets * outline.edges, axis=2) / outline.lengths**2, 0.0, 1.0)
-    feet = outline.vertices + along[..., None] * outline.edges
-    distances = np.linalg.norm(points[:, None] - feet, axis=2)
-    edges, rows = distances.argmin(axis=1), np.arange(len(points))
-    return edges, feet[rows, edges], distances[rows, edges]
+    for number, one in enumerate(strokes):
+        motion = log(compose(inverse(one.before), one.after))
+        halfway = compose(one.before, exp(motion, 0.5))
+        poses = (one.before, halfway, one.after)
+        tips = (one.tip_before, np.add(one.tip_before, one.tip_after) / 2, one.tip_after)
+        places = np.array([[transform(inverse(pose), tip)] for pose, tip in zip(poses, tips, strict=True)])
+        along = np.clip(np.sum((places - outline.vertices) * outline.edges, axis=2) / outline.lengths**2, 0.0, 1.0)
+        feet = outline.vertices + along[..., None] * outline.edges  # the nearest points of each edge
+        gaps = np.linalg.norm(places - feet, axis=2)
+        begin, middle, end = gaps.argmin(axis=1)  # a corner belongs to the first of its two edges
+        if (
+            abs(motion.omega) > LARGEST_TURN
+            or math.hypot(motion.vx, motion.vy) < LEAST_WAY
+            or np.abs(gaps.min(axis=1) - one.tip_radius).max() > LARGEST_GAP
+            or outline.normals[begin] @ outline.normals[end] < math.cos(SAME_SIDE)
+        ):
+            continue
+        moved = rotation(-halfway.theta) @ np.subtract(one.tip_after, one.tip_before)
+        push = number if one.run is None else one.run
+        yield Observation(feet[1, middle], outline.normals[middle], motion, push, stamp=(push + 1) * SECOND, tip_velocity=moved)
 
 
 def read_strokes(path: pathlib.Path) -> list[Stroke]:
@@ -123,13 +122,10 @@ def read_strokes(path: pathlib.Path) -> list[Stroke]:
     columns, rows = read_table(path, COLUMNS, "strokes")
     strokes = []
     for row in rows:
-        numbers = row.numbers(COLUMNS)
+        x0, y0, th0, x1, y1, th1, *tips = row.numbers(COLUMNS)
         end = Pose(*row.numbers(PREDICTED)) if {*PREDICTED} <= {*columns} else None
-        stroke = Stroke(Pose(*numbers[:3]), Pose(*numbers[3:6]), (numbers[6], numbers[7]), (numbers[8], numbers[9]), end)
-        if {*RUN} <= {*columns}:
-            run, radius = row.numbers(RUN)
-            stroke = stroke._replace(run=int(run), tip_radius=radius)
-        strokes.append(stroke)
+        more = (int(row.number("run")), row.number("tip_radius")) if {*RUN} <= {*columns} else ()
+        strokes.append(Stroke(Pose(x0, y0, th0), Pose(x1, y1, th1), (tips[0], tips[1]), (tips[2], tips[3]), end, *more))
     return strokes
 
 
@@ -139,28 +135,24 @@ def save_strokes(strokes: Sequence[Stroke], path: pathlib.Path) -> None:
     Raises:
         InvalidInput: the file cannot be written.
     """
-    rows = [
-        (*one.before, *one.after, *one.tip_before, *one.tip_after, *(one.predicted or ()))
-        + (() if one.run is None else (one.run, one.tip_radius))
-        for one in strokes
-    ]
     columns = (*COLUMNS, *PREDICTED * (strokes[0].predicted is not None), *RUN * (strokes[0].run is not None))
+    # the fields of a stroke have the order of the columns; without a run, the last two are left out
+    rows = [(*chain(*one[:4]), *(one.predicted or ()), *one[5:])[: len(columns)] for one in strokes]
     save_table(columns, rows, path)
 
 
-def save_set(name: str, strokes: Sequence[Stroke], points: Iterable[Observation | None], out: pathlib.Path) -> Imported:
+def save_set(name: str, strokes: Sequence[Stroke], observations: Sequence[Observation], out: pathlib.Path) -> Imported:
     """Write the strokes of a set, SURFACE_OBJECT, into a folder, and those of them that are observations.
 
     Args:
         name: of the set.
         strokes: of the set.
-        points: the observation of each stroke, if it is one.
+        observations: those that `observed` makes of the strokes.
         out: the folder.
     Raises:
         InvalidInput: a file cannot be written.
     """
     save_strokes(strokes, out / f"{name}{STROKES}")
-    observations = [point for point in points if point is not None]
     save_observations(observations, out / f"{name}{DATA_POINTS}")
     return Imported(out / f"{name}{STROKES}", name.rpartition("_")[2], len(observations))
 
@@ -185,10 +177,5 @@ def save_observations(observations: Sequence[Observation], path: pathlib.Path) -
 def save_model(name: str, outline: Outline, out: pathlib.Path) -> None:
     """Write the file of an object of which nothing but the outline is known, to a micrometre, into a folder."""
     support = SupportFile(spacing=round(math.sqrt(outline.polygon.area / SUPPORTS), 4))
-    corners = [(round(x, 6), round(y, 6)) for x, y in outline.vertices.tolist()]
-    save_object(make_object(ObjectFile(name=name, outline=corners, support=support), name), out / f"{name}.yaml")
-
-
-def observed(strokes: Sequence[Stroke], outline: Outline) -> list[Observation | None]:
-    """The observation of each stroke; None if it would not be one. The push is the run, or else the number of the stroke."""
-    return [one.observation(outline, number if one.run is None else one.run) for number, one in enumerate(strokes)]
+    file = ObjectFile(name=name, outline=outline.vertices.round(6).tolist(), support=support)
+    save_object(make_object(file, name), out / f"{name}.yaml")

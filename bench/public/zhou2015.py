@@ -13,16 +13,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.public.strokes import SECOND, Imported
+from bench.public.strokes import LARGEST, SECOND, Imported
 from pushfric_core import InvalidInput, Observation, Outline, PushfricError
 from pushfric_core.bags.bag_writer import BagWriter
 from pushfric_core.bags.message_types import encoder, record
 from pushfric_core.bags.samples import observation_to_msg
 from pushfric_core.errors import blaming
-from pushfric_core.files.csv_files import CsvRow, read_table
+from pushfric_core.files.csv_files import read_table
 from pushfric_core.files.object_file import OBJECT_FILE, ObjectFile, ObjectModel, SupportFile, make_object, save_object
-from pushfric_core.geometry import planar
-from pushfric_core.geometry.planar import Array, Pose, Twist, compose, exp, inverse, rotation, transform, velocity_at
+from pushfric_core.geometry.planar import Array, Pose, Twist, compose, exp, inverse, log, rotation, transform, velocity_at
 
 NAME = "zhou2015"
 TOPIC, TYPE = "/cell/observation", "pushfric_msgs/msg/Observation"
@@ -49,9 +48,6 @@ COLUMNS = ("object", "log", "push", "cx_mm", "cy_mm", "nx", "ny", "dx_mm", "dy_m
 TIPS = ("tip0x_mm", "tip0y_mm", "tip1x_mm", "tip1y_mm")
 MILLIMETRE = 1e-3
 
-LARGEST = 1e12
-"""Largest number accepted in a log; times are seconds since 1970."""
-
 
 def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     """Write a bag of observations, with its object's YAML file, for the log or for each log of a CSV.
@@ -64,8 +60,8 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> list[Imported]:
     """
     logs = read_push_points(source) if source.suffix == ".csv" else {source.name: read_log(source)}
     return [
-        write_bag(out if len(logs) == 1 else out / pathlib.Path(log).stem, log.partition("__exp")[0], observations)
-        for log, observations in logs.items()
+        write_bag(out if len(logs) == 1 else out / pathlib.Path(name).stem, name.partition("__exp")[0], observations)
+        for name, observations in logs.items()
     ]
 
 
@@ -79,7 +75,10 @@ def read_push_points(path: pathlib.Path) -> dict[str, list[Observation]]:
     for row in read_table(path, COLUMNS, "observations", f"push_points.csv of {NAME}").rows:
         push, cx, cy, nx, ny, dx, dy, turn, fx, fy = row.numbers(COLUMNS[2:])
         contact, motion = (cx * MILLIMETRE, cy * MILLIMETRE), Twist(dx * MILLIMETRE, dy * MILLIMETRE, turn)
-        tip, stamp = _tip_velocity(row, motion, contact), (int(push) + 1) * SECOND
+        tip, stamp = None, (int(push) + 1) * SECOND
+        if all(row.texts.get(name) for name in TIPS):  # the contact's motion plus that of the tip in the object's frame
+            begin, end = np.reshape(row.numbers(TIPS), (2, 2)) * MILLIMETRE
+            tip = velocity_at(motion, contact) + end - begin
         with blaming(row.where, ValueError, PushfricError):
             one = Observation(contact, (nx, ny), motion, int(push), stamp=stamp, force=(fx, fy), tip_velocity=tip)
         logs.setdefault(row.texts["log"], []).append(one)
@@ -98,12 +97,12 @@ def read_log(path: pathlib.Path) -> list[Observation]:
         if not (np.abs(content) <= LARGEST).all():
             raise ValueError(f"expected numbers within {LARGEST:g}")
         numbers, outline = iter(content.tolist()), Outline(np.array(CORNERS))
-        pushes = (_observation(index, numbers, outline) for index in range(int(next(numbers))))
-        observations = [one for one in pushes if one is not None]
+        pushes = [_observation(index, numbers, outline) for index in range(int(next(numbers)))]
     except (OSError, ValueError, EOFError, zlib.error) as error:
         raise InvalidInput(f"{path}: not a log of {NAME}: {error}") from error
-    except (StopIteration, RuntimeError) as error:
+    except StopIteration as error:
         raise InvalidInput(f"{path}: ends in the middle of a push") from error
+    observations = [one for one in pushes if one is not None]
     if not observations:
         raise InvalidInput(f"{path}: no push met an edge of the triangle")
     return observations
@@ -129,36 +128,22 @@ def _observation(index: int, numbers: Iterator[float], outline: Outline) -> Obse
     if not len(readings) or not len(poses):
         raise ValueError("a push without forces or tool poses")
     tool = np.array([(row[0], *_pose(row[1:])) for row in poses])
-    motion = planar.log(compose(inverse(before), after))
+    motion = log(compose(inverse(before), after))
     forces = readings[:, 1:] - readings[0, 1:]
     size = np.hypot(*forces.T)
     touched, end = float(readings[np.argmax(size > TOUCHING * size.max()), 0]), float(tool[-1, 0])
     middle = (touched + end) / 2
     pressed = readings[:, 0] >= touched + BUILDING_UP * max(end - touched, 0.0)
-
-    def tool_at(time: float) -> Array:
-        return np.array([np.interp(time, tool[:, 0], column) for column in tool.T[1:]])
-
-    x, y, heading = tool_at(middle).tolist()
+    first, halfway, last = np.column_stack([np.interp((touched, middle, end), tool[:, 0], column) for column in tool.T[1:]])
     pose = compose(before, exp(motion, 0.5))
-    touch = outline.nearest(transform(inverse(pose), (x, y)))
-    if touch.edge is None or abs(touch.distance) > LARGEST_GAP or not any(motion) or not pressed.any():
+    distance, point, normal, edge = outline.nearest(transform(inverse(pose), halfway[:2]))
+    if edge is None or abs(distance) > LARGEST_GAP or not any(motion) or not pressed.any():
         return None
     # the tip's places in the object's frame at first touch and at the end: its motion there adds to the contact's motion
-    travel = transform(inverse(after), tool_at(end)[:2]) - transform(inverse(before), tool_at(touched)[:2])
-    velocity = velocity_at(motion, touch.point) + travel
-    force = rotation(heading - pose.theta) @ (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
-    at, normal, pushed, moved = ((float(x), float(y)) for x, y in (touch.point, touch.normal, force, velocity))
-    return Observation(at, normal, motion, index, stamp=round(middle * SECOND), pose=pose, force=pushed, tip_velocity=moved)
-
-
-def _tip_velocity(row: CsvRow, motion: Twist, contact: tuple[float, float]) -> tuple[float, float] | None:
-    """The contact's motion plus that of the tip in the object's frame; None if the file has no tips."""
-    if not all(row.texts.get(name) for name in TIPS):
-        return None
-    x0, y0, x1, y1 = (number * MILLIMETRE for number in row.numbers(TIPS))
-    vx, vy = velocity_at(motion, np.asarray(contact)).tolist()
-    return vx + x1 - x0, vy + y1 - y0
+    velocity = velocity_at(motion, point) + (transform(inverse(after), last[:2]) - transform(inverse(before), first[:2]))
+    force = rotation(halfway[2] - pose.theta) @ (SENSOR_TO_TOOL @ forces[pressed].mean(axis=0))
+    stamp = round(middle * SECOND)
+    return Observation(point, normal, motion, index, stamp=stamp, pose=pose, force=force, tip_velocity=velocity)
 
 
 def object_on(name: str) -> ObjectModel:
