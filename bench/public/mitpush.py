@@ -69,7 +69,7 @@ def import_pushes(source: pathlib.Path, out: pathlib.Path) -> Written:
         InvalidInput: the source is not such a clone.
     """
     found = [(*match.groups(), path) for path in sorted(source.glob(f"{FOLDER}/*")) if (match := FILE.fullmatch(path.name))]
-    if not found:
+    if not any(model == "quadratic" for _, _, model, _ in found):
         raise InvalidInput(f"{source}: no {FOLDER}/wrench1twist1*.mat; expected a clone of PlanarManipulationToolBox")
     written: Written = []
     outlines: dict[str, Outline] = {}

@@ -120,9 +120,10 @@ def test_what_cannot_be_read_stops_nothing_else(tmp_path):
     ]
 
 
-def test_another_folder_is_refused(tmp_path):
+@pytest.mark.parametrize("files", [[], ["abs_rect1_poly4"]])
+def test_another_folder_is_refused(tmp_path, files):
     with pytest.raises(InvalidInput, match="expected a clone of PlanarManipulationToolBox"):
-        mitpush.import_pushes(public_sets.clone(tmp_path / "clone"), tmp_path / "out")
+        mitpush.import_pushes(public_sets.clone(tmp_path / "clone", *files), tmp_path / "out")
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):

@@ -85,7 +85,8 @@ def case(request, tmp_path):
     found = CASES[request.param](tmp_path, request.getfixturevalue("real_pushes") if "real" in request.param else None)
     write_csv(tmp_path / "data.csv", (*REQUIRED, *OPTIONAL), [
         (*one.contact_point, *one.contact_normal, *one.twist, one.push_id, one.half_width,
-         *(one.force or ("", "")), *(one.tip_velocity or ("", "")))
+         *(one.force or ("", "")), *(one.tip_velocity or ("", "")),
+         *("" if known is None else known for known in (one.duration, one.depth)))
         for one in found.observations
     ])  # fmt: skip
     write_csv(tmp_path / "moved.csv", MOVED, np.column_stack(found.moved).tolist())
