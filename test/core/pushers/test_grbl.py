@@ -606,7 +606,7 @@ def test_a_door_that_opens_during_a_stop_asks_a_person(peer):
     ("status", "doubt"),
     [
         ("<Door:0|MPos:0.610,0.000,0.000|FS:0,0|Pn:D>", "held at the controller: it reports Door"),
-        (IDLE.replace("MPos:0", "MPos:9"), "cannot be believed: it was at 0.0006 m and then, at once, at 0.0090 m"),
+        (IDLE.replace("MPos:0", "MPos:190"), "cannot be believed: it was at 0.0006 m and then, at once, at 0.1900 m"),
     ],
 )
 def test_what_happens_during_the_reset_of_a_stop_asks_a_person_at_once(peer, status, doubt):

@@ -309,12 +309,13 @@ def test_a_controller_that_restarts_while_its_cable_is_cut_is_not_believed(stage
     monkeypatch.setattr("pushfric_core.pushers.grbl.RESET_PATIENCE", 1.0)
     stage.patience = {"silence": 2.0}  # it is waited for
     pusher = under_way(stage, silence=0.5)
-    stage.line.to_controller = stage.line.to_host = nothing
+    lost = bytearray()
+    stage.line.to_controller, stage.line.to_host = nothing, lambda data: lost.extend(data) or b""
     with pytest.raises(Timeout):
         stage.drive(pusher, lambda: False)
     stage.drive(pusher, lambda: Phase.RESETTING in pusher._state)
     stage.controller.reset()
-    time.sleep(0.2)  # its greeting is lost on the line
+    wait_until(lambda: b"Grbl" in lost)  # its greeting is lost on the line
     stage.line.heal()
     with pytest.raises(NotConnected, match="no greeting within 1 s of a reset"):
         stage.drive(pusher, lambda: False)
