@@ -166,7 +166,7 @@ def save_observations(observations: Sequence[Observation], path: pathlib.Path) -
     missing = (None, None)
     rows = [
         (*one.contact_point, *one.contact_normal, *one.twist, one.push_id)
-        + (one.half_width or None, *(one.force or missing), *(one.tip_velocity or missing), one.duration, one.depth)
+        + (one.half_width or None, *(one.force or missing), *(one.tip_velocity or missing), one.duration, one.depth, None)
         for one in observations
     ]
     names = REQUIRED + OPTIONAL

@@ -60,7 +60,7 @@ def test_observations_as_a_table_are_read_again(tmp_path):
     assert tuple(last[["pose_x", "pose_y", "pose_theta"]]) == (0.1, 0.2, -0.3)
     frame.to_csv(tmp_path / "pushes.CSV", index=False)
     read = load(tmp_path / "pushes.CSV", object="rubber_rect4")
-    names = ["contact_point", "contact_normal", "twist", "push_id", "half_width", "force", "tip_velocity", "duration"]
+    names = ["contact_point", "contact_normal", "twist", "push_id", "half_width", "force", "tip_velocity", "duration", "stamp"]
     for one, another in zip(read, [*DATA, full], strict=True):
         assert all(getattr(one, name) == getattr(another, name) for name in names)
     assert read[-1].depth == full.depth

@@ -136,6 +136,7 @@ def test_observations_are_read_in_order(write):
             "data.csv: expected each column once, got more of note, vy",
         ),
         (HEADER.strip() + ",force_x\n" + ROW.strip() + ",1\n", "both of force_x and force_y"),
+        (HEADER.strip() + ",stamp\n" + ROW.strip() + ",1.5\n", "stamp must be a whole number of nanoseconds, got '1.5'"),
     ],
 )
 def test_bad_observations_are_refused_in_one_line(write, text, error):

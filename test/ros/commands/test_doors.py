@@ -86,7 +86,7 @@ def case(request, tmp_path):
     write_csv(tmp_path / "data.csv", (*REQUIRED, *OPTIONAL), [
         (*one.contact_point, *one.contact_normal, *one.twist, one.push_id, one.half_width,
          *(one.force or ("", "")), *(one.tip_velocity or ("", "")),
-         *("" if known is None else known for known in (one.duration, one.depth)))
+         *("" if known is None else known for known in (one.duration, one.depth, None)))
         for one in found.observations
     ])  # fmt: skip
     write_csv(tmp_path / "moved.csv", MOVED, np.column_stack(found.moved).tolist())

@@ -18,10 +18,11 @@ from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import Array, Twist
 from pushfric_core.plausible import FARTHEST, FARTHEST_TURN_CENTER, FASTEST, check_within
 from pushfric_core.trajectories.observation import Observation, check_half_width, check_planned_contact
+from pushfric_core.wording import shortened
 
 REQUIRED = ("contact_x", "contact_y", "normal_x", "normal_y", "vx", "vy", "omega", "push_id")
 PAIRS = (("force_x", "force_y"), ("tip_vx", "tip_vy"))
-OPTIONAL = ("half_width", *PAIRS[0], *PAIRS[1], "duration", "depth")
+OPTIONAL = ("half_width", *PAIRS[0], *PAIRS[1], "duration", "depth", "stamp")
 NAMES = {
     "contact_point": "contact_x, contact_y",
     "contact_normal": "normal_x, normal_y",
@@ -143,6 +144,9 @@ def _observation(row: CsvRow, outline: Outline) -> Observation:
     push_id = number("push_id")
     if push_id != int(push_id) or not 0 <= push_id < 2**31:
         raise InvalidInput(f"{where}: push_id must be a whole number in [0, 2^31), got {push_id:g}")
+    stamp = row.texts.get("stamp") or "0"
+    if not (stamp.isdecimal() and int(stamp) < 2**63):
+        raise InvalidInput(f"{where}: stamp must be a whole number of nanoseconds, got {shortened(stamp)}")
     try:
         observation = Observation(
             contact_point=(number("contact_x"), number("contact_y")),
@@ -151,6 +155,7 @@ def _observation(row: CsvRow, outline: Outline) -> Observation:
             push_id=int(push_id),
             half_width=optional("half_width") or 0.0,
             duration=optional("duration"),
+            stamp=int(stamp),
             force=pair("force_x", "force_y"),
             tip_velocity=pair("tip_vx", "tip_vy"),
             depth=optional("depth"),
