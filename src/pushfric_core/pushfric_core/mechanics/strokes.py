@@ -66,8 +66,8 @@ def predict_strokes(
         positions: (k,) stroke position of the tip at the end of each [m].
         step: longest advance of the tip in one step [m].
     Raises:
-        ValueError: poses, lines and positions differ in length, the step is not positive, a number is not finite, or a tip
-            starts inside an object.
+        ValueError: poses, lines and positions differ in length, the step is not positive, a number is not finite, a position is
+            beyond LARGEST, or a tip starts inside an object.
         SolverFailed: a motion did not converge.
 
     Example:
