@@ -17,6 +17,7 @@ from bench.paper.pushes import BAD_PUSH, SLIPPING, motions, plan, watch
 from bench.paper.sections import cross_section
 from bench.paper.tables import PUBLISHED, Nested
 from pushfric_core import TABLE_1, Estimate, Estimator, EstimatorConfig, HalfPlanes, Hypothesis, Loss, Observation, Recognizer
+from pushfric_core.estimation.estimator import last
 from pushfric_core.estimation.region import Region, line_of_motion
 from pushfric_core.geometry.planar import Array, Wrench
 from pushfric_core.geometry.support import Support, center_of_friction, support_forces
@@ -263,7 +264,7 @@ def _fit_errors(
 ) -> dict[str, float]:
     """The fit error of each hypothesis [cm], by name; infinite if no w satisfies its hard constraints."""
     recognizer = Recognizer(hypotheses, config)
-    ranking = [recognizer.add(one) for one in observations][-1]
+    ranking = last(map(recognizer.add, observations))
     errors = {one.name: one.fit_error * CENTIMETRE for one in ranking.hypotheses}
     return {hypothesis.name: errors[hypothesis.name] for hypothesis in hypotheses}
 

@@ -58,9 +58,9 @@ def track(
             raise InvalidInput(f"{cell}: others track this cell's object, expected the section camera")
         driver, calibration = file.tracker, file.camera.calibration
         offset, height = file.camera.time_offset, file.camera.object_height
-    if not (calibration or beside(source, CAMERA_FILE)):
+    if not (calibrated := calibration or beside(source, CAMERA_FILE)):
         raise InvalidInput(f"{source}: no {CAMERA_FILE}, the calibration, beside the bag; give --cell CELL.yaml")
-    camera, bag = load_camera(calibration or str(beside(source, CAMERA_FILE))), Bag(source)
+    camera, bag = load_camera(calibrated), Bag(source)
     if bag.damage is not None:
         warn(bag.what_is_missing())
     found = track_again(bag, image_topic(bag, topic), driver.open_tracker(camera, model, height or model.height), offset)

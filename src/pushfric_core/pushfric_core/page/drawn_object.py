@@ -130,7 +130,7 @@ class DrawnObject:
         drawn = self._drawing.model_dump(mode="json", exclude_none=True, exclude={"picture", "find"})
         if self._height != self._written.get("height", 0.0):
             drawn["height"] = self._height
-        return {key: _rounded(value) for key, value in drawn.items() if _rounded(value) != _rounded(self._written.get(key, {}))}
+        return {key: value for key, value in _rounded(drawn).items() if value != _rounded(self._written.get(key, {}))}
 
     def figures(self) -> dict[str, Any]:
         """The content of the page: all lengths in m, in the object frame, or the picture's where it says so."""

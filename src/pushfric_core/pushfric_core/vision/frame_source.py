@@ -100,8 +100,8 @@ class Device(threading.Thread):
             return lambda: next(sequence, None), PICTURE_PERIOD
         # OpenCV would print several lines; the error below is one line
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-        index = self._source.isdecimal() and len(self._source) < 10
-        self._capture = capture = cv2.VideoCapture(int(self._source) if index else self._source)
+        device = int(self._source) if self._source.isdecimal() and len(self._source) < 10 else self._source
+        self._capture = capture = cv2.VideoCapture(device)
         if not capture.isOpened():
             there = ", ".join(sorted(glob.glob("/dev/video*"))) or "none"
             raise InvalidInput(f"no camera at {self._source!r}: expected {ACCEPTED}; cameras of this machine: {there}")

@@ -18,7 +18,7 @@ export function made(tag, attributes, text) {
 export const path = (points, closed) => points.map(([x, y], index) => `${index ? "L" : "M"}${x.toFixed(1)} ${y.toFixed(1)}`).join("") + (closed ? "Z" : "");
 
 /** A step of 1, 2 or 5 times a power of ten that divides a span into about this many parts. */
-function niceStep(span, parts) {
+export function niceStep(span, parts) {
   const raw = span / parts, power = 10 ** Math.floor(Math.log10(raw));
   return power * ([1, 2, 5].find((step) => step * power >= raw) ?? 10);
 }

@@ -1,5 +1,5 @@
 // An object's outline and support points, drawn on a sheet in mm. The command keeps them, so a reload loses nothing.
-import { made } from "./drawings.js";
+import { made, niceStep } from "./drawings.js";
 
 const FARTHEST = 1e5; // of a coordinate [mm]
 const NEAR_PX = 14; // a click this close to a point on the screen chooses it
@@ -327,10 +327,7 @@ function fit() {
 }
 
 /** Side of a square: about fifteen lie along the longer side. */
-function step() {
-  const raw = Math.max(view[2], view[3]) / 15, power = 10 ** Math.floor(Math.log10(raw));
-  return power * [1, 2, 5, 10].find((factor) => factor * power >= raw);
-}
+const step = () => niceStep(Math.max(view[2], view[3]), 15);
 
 function redraw() {
   if (!state) return;
