@@ -7,7 +7,9 @@ is then written `auto`: the program finds the value.
 import dataclasses
 import enum
 import math
+import numbers
 import re
+import types
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -46,15 +48,17 @@ def setting(
 
 
 def check_ranges(config: Any) -> None:
-    """Refuse a config whose values leave their ranges.
+    """Refuse a config whose values are of other types than its fields, or leave their ranges.
+
+    Numbers become those of the field's type, lists tuples, and texts the enum's members.
 
     Raises:
-        ValueError: names the field, its range and its value, or what an empty text must name.
+        ValueError: names the field, what it takes and its value, or what an empty text must name.
     """
+    hints = typing.get_type_hints(type(config))
     for field in dataclasses.fields(config):
-        value = getattr(config, field.name)
-        if value is not None:  # None, to be found by the program: only if the field's type allows it
-            _check_value(field, field.name, value)
+        value = _converted(field, field.name, hints[field.name], getattr(config, field.name), exact=True)
+        object.__setattr__(config, field.name, value)
 
 
 class Ranged:
@@ -167,10 +171,13 @@ _SINGULAR = {
 _PLURAL = {bool: "true or false", int: "whole numbers", float: "finite numbers", str: "texts"}
 
 
-def _converted(field: Any, name: str, hint: Any, value: Any) -> Any:
+def _converted(field: Any, name: str, hint: Any, value: Any, exact: bool = False) -> Any:
+    """A value of a field; if `exact`, texts are no numbers."""
     infinite = field.metadata.get("high") == math.inf
     try:
         converted = _convert(hint, value, infinite)
+        if exact and plain_value(converted) != plain_value(value):
+            raise ValueError
     except (ValueError, OverflowError):
         shown = list(value) if isinstance(value, Sequence) and not isinstance(value, str | bytes) else value
         got = "nothing" if value is None else shortened(shown)
@@ -188,12 +195,14 @@ def _convert(hint: Any, value: Any, infinite: bool) -> Any:
         return _convert_items(typing.get_args(hint), value, infinite)
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
         return hint(value)
+    if isinstance(hint, types.UnionType):  # with a class of own objects: who has the setting checks them
+        return value
     if hint in (bool, str):
         if not isinstance(value, hint):
             raise ValueError
         return value
     # YAML takes 1e-3 for a text
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
+    if isinstance(value, bool) or not isinstance(value, numbers.Real | str):
         raise ValueError
     number = float(value)
     if hint is int:
@@ -209,7 +218,7 @@ def _convert_items(hints: tuple[Any, ...], value: Any, infinite: bool) -> tuple[
     if isinstance(value, str | bytes) or not isinstance(value, Sequence):
         raise ValueError
     if hints[-1] is Ellipsis:
-        return tuple(_convert(written(hints[0]), item, infinite) for item in value)
+        return tuple(_convert(hints[0], item, infinite) for item in value)
     if len(value) != len(hints):
         raise ValueError
     return tuple(_convert(hint, item, infinite) for hint, item in zip(hints, value, strict=True))

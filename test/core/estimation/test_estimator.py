@@ -123,6 +123,8 @@ def test_a_measured_direction_within_its_cone_costs_nothing(rng):
             "terms must be of moment, frictionless, cone, force, force_angle, got the unknown 'moments', 'x'",
         ),
         ({"terms": ("moment", "cone")}, "the term cone needs a mu_bound, the known upper bound on mu_c, got none"),
+        ({"half_width": "0.1"}, "half_width must be a finite number, got '0.1'"),
+        ({"screening": "no"}, "screening must be auto or true or false, got 'no'"),
         ({"mu_bound": -1.0}, r"mu_bound must lie in \[0.0, inf\], got -1.0"),
         ({"terms": ("force",), "loss": "l2"}, "the term force needs the loss l1 and the solver simplex, got l2 and simplex"),
     ],

@@ -113,7 +113,7 @@ def test_a_pose_of_no_use_is_refused(position, quaternion, error):
 
 
 def test_mounts_are_checked():
-    with pytest.raises(ValueError, match=r"origin must be three finite numbers, got \[0.0, 1.0\]"):
+    with pytest.raises(ValueError, match=r"origin must be a list of 3 finite numbers, got \[0.0, 1.0\]"):
         MountConfig(origin=(0.0, 1.0))
     with pytest.raises(ValueError, match=r"source must be an entry point of pushfric.sources \(.*transforms\), got 'radar'"):
         plugin(SOURCES, "radar")

@@ -297,7 +297,7 @@ def test_the_doctor_looks_and_moves_nothing(ros, device, monkeypatch):
         ({"source": "odometry"}, STAGE, "source must be one of transforms, pose_stamped, got 'odometry'"),
         ({}, PusherConfig((0, 0), (0, 1), 0.003, 0.06, 0.1, home=True), "home must be false"),
         ({"rate": 1.0}, STAGE, r"rate must lie in \[10.0, 500.0\], got 1.0"),
-        ({"origin": (1.0,)}, STAGE, "origin must be three finite numbers"),
+        ({"origin": (1.0,)}, STAGE, "origin must be a list of 3 finite numbers"),
     ],
 )
 def test_settings_that_do_not_fit_are_refused(settings, stage, error):

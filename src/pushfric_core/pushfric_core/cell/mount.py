@@ -9,7 +9,7 @@ import numpy as np
 from pushfric_core.bags.samples import quaternion_length, stamp_from_msg
 from pushfric_core.geometry.planar import Array, Pose, inverse, transform, wrap
 from pushfric_core.plausible import FARTHEST
-from pushfric_core.settings import check_ranges, setting
+from pushfric_core.settings import Ranged, setting
 
 
 class Body(NamedTuple):
@@ -49,28 +49,21 @@ class Body(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MountConfig:
+class MountConfig(Ranged):
     """How a tracked body relates to what pushes or is pushed, and its tracker to the table. Sections `poses` and `tip`."""
 
     source: str = setting("pose_stamped", "kind of message: an entry point of the group pushfric.sources")
-    origin: tuple[float, ...] = setting(
+    origin: tuple[float, float, float] = setting(
         (0.0, 0.0, 0.0), "place of the object's origin, or of the tip's centre, in the frame of the body [m]", -10.0, 10.0
     )
     turn: float = setting(0.0, "angle of the object's x axis from that of the body, about z [rad]", -math.pi, math.pi)
-    table: tuple[float, ...] = setting(
+    table: tuple[float, float, float] = setting(
         (0.0, 0.0, 0.0),
         "x, y [m] and angle [rad] of the table frame in the tracker's frame, whose z axis points up",
         -FARTHEST,
         FARTHEST,
     )
     time_offset: float = setting(0.0, "added to the stamps [s]", -10.0, 10.0)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        for name in ("origin", "table"):
-            values = getattr(self, name)
-            if len(values) != 3 or not np.isfinite(values).all():
-                raise ValueError(f"{name} must be three finite numbers, got {list(values)}")
 
     def stamp(self, body: Body) -> int:
         """When the body was seen, by the cell's clock [ns]."""

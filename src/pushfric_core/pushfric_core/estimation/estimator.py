@@ -115,13 +115,8 @@ class EstimatorConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        for name, choices in (("loss", Loss), ("solver", Solver)):
-            if getattr(self, name) not in list(choices):
-                raise ValueError(f"{name} must be one of {', '.join(choices)}, got {getattr(self, name)!r}")
-            object.__setattr__(self, name, choices(getattr(self, name)))
-        object.__setattr__(self, "terms", tuple(self.terms))
         unknown = [term for term in self._own if not isinstance(term, Constraint)]
-        if unknown and (unknown := [term for term in unknown if term not in installed(plugins.TERMS)]):
+        if unknown and (unknown := [term for term in unknown if term not in list(installed(plugins.TERMS))]):
             known = ", ".join((*TERMS, *installed(plugins.TERMS)))
             raise ValueError(f"terms must be of {known}, got the unknown {', '.join(map(repr, unknown))}")
         if not self.terms:
