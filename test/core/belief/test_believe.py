@@ -163,6 +163,8 @@ def test_poor_input_is_believed_for_what_it_is(name):
 def test_nothing_is_believed_where_nothing_moves_into_the_object():
     assert believe(POINTS, []) is None
     assert believe(POINTS, LEAVING) is None
+    with pytest.raises(ValueError, match=r"support_points must have shape \(n, 2\) with n >= 1, got \(0,\)"):
+        believe([], FEET.observations)
     assert believe(POINTS, [replace(one, twist=Twist(*(-np.array(one.twist)).tolist())) for one in FEET.observations]) is None
 
 

@@ -79,6 +79,7 @@ def test_an_object_survives_its_file(write, tmp_path):
         ("name: x\n", "file.yaml: outline: expected a value, got only name$"),
         ("name: x\noutline: [[0, 0], [1, 1], [1, 0], [0, 1]]", "simple polygon"),
         (TRIANGLE + "support: {grid: [4, 4], spacing: 0.1}", "exactly one of grid, points and spacing"),
+        (TRIANGLE + "support: {spacing: 1e-320}", "spacing must give at most 300 points a row, got 9.99989e-321 m$"),
         (TRIANGLE + "support: {grid: [0, 4]}", "at least 1 column"),
         ("name: x\noutline: [[9, 9], [10, 9], [9, 10]]\nsupport: {points: [[9, 9], [0, 0]]}", r"outline, got \(0, 0\) m$"),
         (

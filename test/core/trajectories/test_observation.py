@@ -14,6 +14,8 @@ GOOD = Observation((0.05, 0.0), (1.0, 0.0), Twist(-0.02, 0.0, 0.1))
     [
         ({"contact_point": (math.nan, 0.0)}, "contact_point must be finite"),
         ({"contact_point": (0.0, 0.0, 0.0)}, r"contact_point must be two numbers, got \(0.0, 0.0, 0.0\)"),
+        ({"contact_point": "12"}, "contact_point must be two numbers, got '12'"),
+        ({"depth": "1"}, "depth must be a finite number, got '1'"),
         ({"twist": (0.0, 0.02, 0.1)}, r"twist must be a Twist\(vx, vy, omega\), got \(0.0, 0.02, 0.1\)"),
         ({"pose": (0.0, 0.0, 0.0)}, r"pose must be a Pose\(x, y, theta\) or None, got \(0.0, 0.0, 0.0\)"),
         ({"push_id": 1.5}, "push_id must be an integer, got 1.5"),

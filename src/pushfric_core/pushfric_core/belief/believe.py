@@ -26,7 +26,8 @@ from pushfric_core.belief.fit import (
 from pushfric_core.belief.linearisation import errors_per_way, predicted
 from pushfric_core.belief.mode import PosteriorMode, common_misfit, finding
 from pushfric_core.belief.stretches import size_of, steps_of
-from pushfric_core.geometry.planar import Array, as_array
+from pushfric_core.geometry.planar import Array
+from pushfric_core.geometry.support import check_points
 from pushfric_core.mechanics.prediction import SHARE, FrictionModel, Kind
 from pushfric_core.mechanics.quasi_static import SLIDING
 from pushfric_core.steps import finished
@@ -52,6 +53,8 @@ def believe(points: npt.ArrayLike, observations: Sequence[Observation]) -> Frict
         observations: m.
     Returns:
         None if in no observation anything moves into the object.
+    Raises:
+        ValueError: the points are not such support points.
 
     Example:
         >>> from pushfric_core import Observation, Twist, believe
@@ -59,7 +62,7 @@ def believe(points: npt.ArrayLike, observations: Sequence[Observation]) -> Frict
         >>> believe([(-0.05, -0.02), (0.05, -0.02), (0.0, 0.02)], [one]).w.shape
         (32, 3)
     """
-    supports = as_array(points)
+    supports = check_points(points)
     size = size_of(supports)
     mode = finished(finding(supports, steps_of(observations, size), size))
     return None if mode is None else drawn(mode, len(observations))
@@ -112,8 +115,7 @@ def drawn(mode: PosteriorMode, count: int) -> FrictionModel:
     to_center = ((points - w @ points) * w[:, None]).T @ problem.root  # from the parameters to p_CF
     covariance = _covariance(mode, to_center)
     variance = _few(len(changes)) * float(np.sum(np.minimum(np.abs(changes[:, -1]), 1.0) ** 2))
-    mu_c = np.zeros(len(points) + 1)
-    mu_c[-1] = 1.0
+    mu_c = np.append(np.zeros(len(points)), 1.0)
     deviation = math.sqrt(float(damped(found.rows, mu_c)[-1]) + variance)
     profile = _profile(problem, found, np.sort(np.concatenate((WIDE, found.parameters[-1] + deviation * NEAR))))
     rng = np.random.default_rng(SEED)

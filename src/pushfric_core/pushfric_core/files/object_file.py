@@ -79,10 +79,11 @@ class SupportFile(Strict):
         if not 0 < spacing <= longest:
             asked = other_unit("m", lambda factor: 0 < spacing * factor <= longest)
             raise ValueError(f"spacing must lie in (0, {longest:g}] m, got {spacing:g}{asked}")
-        columns, rows = np.maximum(1, np.round((outline.size - 2 * self.inset) / spacing) + 1)
-        if max(columns, rows) > ROW_LIMIT:
+        size = outline.size - 2 * self.inset
+        if max(size) >= (ROW_LIMIT - 0.5) * spacing:  # a quotient may be too large for a number
             raise ValueError(f"spacing must give at most {ROW_LIMIT} points a row, got {spacing:g} m")
-        return outline.grid(int(columns), int(rows), self.inset)
+        columns, rows = (max(1, round(length / spacing) + 1) for length in size.tolist())
+        return outline.grid(columns, rows, self.inset)
 
 
 class HypothesisFile(Strict):

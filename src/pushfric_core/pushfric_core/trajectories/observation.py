@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from numbers import Integral
+from typing import Any
 
 import numpy as np
 
@@ -75,8 +76,8 @@ class Observation:
             raise ValueError(f"pose must be a Pose(x, y, theta) or None, got {self.pose!r}")
         for name in ("twist", "pose"):
             value = getattr(self, name)
-            if value is not None and not all(map(math.isfinite, value)):
-                raise ValueError(f"{name} must be finite, got {tuple(map(float, value))}")
+            if value is not None and not _finite(*value):
+                raise ValueError(f"{name} must be finite, got {tuple(value)}")
         for name in ("push_id", "stamp"):
             if not isinstance(getattr(self, name), Integral):
                 raise ValueError(f"{name} must be an integer, got {getattr(self, name)!r}")
@@ -87,14 +88,16 @@ class Observation:
             if value is not None:
                 check_within(name, value[:2], limit, unit)
         if self.depth is not None:
+            if not _finite(self.depth):
+                raise ValueError(f"depth must be a finite number, got {self.depth!r}")
             check_within("depth", (self.depth,), FARTHEST, "m")
         length = math.hypot(*self.contact_normal)
         if abs(length - 1) > UNIT:
             raise ValueError(f"contact_normal must have length 1, got {self.contact_normal} of length {length:.4g}")
         duration = 0.0 if self.duration is None else self.duration
         for name, value, longest, unit in (("half_width", self.half_width, LARGEST, "m"), ("duration", duration, LONGEST, "s")):
-            if not 0 <= value < math.inf:
-                raise ValueError(f"{name} must be at least 0 and finite, got {value}")
+            if not (_finite(value) and value >= 0):
+                raise ValueError(f"{name} must be at least 0 and finite, got {value!r}")
             check_within(name, (value,), longest, unit)
         if any(self.twist) and not SLOWEST < max(map(abs, self.twist)) < 1 / SLOWEST:
             raise ValueError(
@@ -158,12 +161,21 @@ def _check_on(outline: Outline, what: str, point: Vector) -> None:
         raise ValueError(f"{expected}, got ({x:g}, {y:g}) m, {distance:.3g} m away{asked}")
 
 
-def _vector(name: str, value: object) -> Vector:
-    """Two numbers, from any sequence of them."""
+def _finite(*values: Any) -> bool:
+    """Whether these are finite numbers; texts, which `float` would take, are none."""
     try:
-        x, y = map(float, value)  # type: ignore[call-overload]
+        return all(map(math.isfinite, values))
+    except TypeError:
+        return False
+
+
+def _vector(name: str, value: Any) -> Vector:
+    """Two finite numbers, from any sequence of them."""
+    try:
+        x, y = value
+        finite = math.isfinite(x) and math.isfinite(y)  # which takes no texts, as float does
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be two numbers, got {value!r}") from None
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise ValueError(f"{name} must be finite, got {(x, y)}")
-    return x, y
+    if not finite:
+        raise ValueError(f"{name} must be finite, got {(float(x), float(y))}")
+    return float(x), float(y)
