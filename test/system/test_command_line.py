@@ -27,6 +27,9 @@ HEADER = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id\n"
         (["demo", "--object", "brick"], "no object 'brick' in the simulated cell; expected one of delrin_square3"),
         (["demo", "--plan", "none.yaml"], "none.yaml: cannot be read"),
         (["demo", "--plan", "plan.yaml", "--choose", "5"], "give --plan or --choose, not both"),
+        (["estimate", "good.csv", "--json", "x.json", "--ledger", "./x.json"], "--json and --ledger name the same file, "),
+        (["region", "--object", "rubber_rect4", "--exclude-push", "3"], "--exclude-push, --partial and --namespace are for"),
+        (["estimate", "x", "--exclude-push", "3", "--keep-push", "3"], "give --exclude-push 3 or --keep-push 3, not both"),
         (["region"], "give a bag, or --object OBJ.yaml or one of delrin_square3"),
         (
             ["estimate", "good.csv", "--object", "rubber_rect4", "--figure", "x.abc"],

@@ -1,6 +1,7 @@
 """Typer with help that a person reads: metavars in words, options and commands in sections, as wide as the terminal."""
 
 import inspect
+import os
 import pathlib
 import re
 import types
@@ -82,6 +83,11 @@ class PlainCommand(typer.core.TyperCommand):
             raise
         if ctx.args and not ctx.resilient_parsing:
             raise InvalidInput(f"unexpected {ctx.args[0]!r}; see {ctx.command_path} --help")
+        given = [(_name(one), ctx.params.get(one.name)) for one in self.params]
+        files = [(name, os.path.realpath(one)) for name, one in given if isinstance(one, str | os.PathLike) and one != STDOUT]
+        for json, file in files:
+            if ALONE.get(json) == _JSON and (others := [name for name, one in files if one == file and name != json]):
+                raise InvalidInput(f"{json} and {others[0]} name the same file, {file}")
         return rest
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:

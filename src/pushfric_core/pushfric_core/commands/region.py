@@ -53,6 +53,8 @@ def region(
 ) -> None:
     if source is None and not object_name:
         raise InvalidInput(f"give a bag, or --object OBJ.yaml or one of {', '.join(TABLE_1)}")
+    if source is None and (exclude_push or partial or namespace is not None):
+        raise InvalidInput("--exclude-push, --partial and --namespace are for a bag or a CSV: give one, too")
     if plan is not None:
         permit(plan, force, "Overwrite it?", "another FILE")
     model = load_object(object_name) if source is None else object_of(source, object_name, warn)[0]

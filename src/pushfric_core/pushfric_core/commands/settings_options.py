@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from pushfric_core.commands.application import in_range
+from pushfric_core.errors import InvalidInput
 from pushfric_core.estimation.estimator import EstimatorConfig
 from pushfric_core.files.estimator_settings import ChosenSettings
 from pushfric_core.settings import AUTO, unit_in, written
@@ -103,6 +104,8 @@ def _help(field: Any) -> str:
 def _chosen(options: dict[str, Any]) -> ChosenSettings:
     """The options that were given."""
     excluded, slipping, kept = (tuple(options.pop(name) or ()) for name in PUSHES)
+    if both := {*excluded} & {*kept}:
+        raise InvalidInput(f"give --exclude-push {min(both)} or --keep-push {min(both)}, not both")
     given = {name: value for name, value in options.items() if value is not None}
     if "terms" in given:
         given["terms"] = given["terms"].split(",")
