@@ -8,7 +8,7 @@ from scipy.special import stdtrit
 from test_trajectory import feed
 
 from pushfric_core import Outline, Pose, PoseSample, PusherSample, PushingLine, Trajectory, TrajectoryConfig
-from pushfric_core.trajectories.clocks import student
+from pushfric_core.trajectories.clocks import Clocks, student
 from pushfric_core.trajectories.ledger import DoubtCode
 
 OUTLINE = Outline.rectangle(0.1, 0.06)
@@ -79,3 +79,11 @@ def test_pushes_that_cannot_show_a_lag_show_none(how):
 @pytest.mark.parametrize("freedom", [2, 3, 4, 7, 30])
 def test_the_quantile_agrees_with_that_of_a_library(freedom):
     assert student(freedom) == pytest.approx(stdtrit(freedom, 0.95), rel=3e-3)
+
+
+@pytest.mark.parametrize("goes", [(0, 0), (0, 1), (1, 0)])
+def test_stamps_that_stand_still_show_no_step_of_a_clock(goes):
+    clocks = Clocks()
+    for received, stream in sorted((count * period, stream) for stream, period in enumerate((33, 50)) for count in range(900)):
+        clocks.add(stream, goes[stream] * received * 10**6, received * 10**6)
+    assert clocks.step is None

@@ -92,7 +92,7 @@ class Clocks:
     def step(self) -> ClockStep | None:
         """The largest step of the clocks against each other; None if there is none."""
         speeds = [one.speed for one in self._streams]
-        if min(speeds) > 1 + OTHER_SPEED or max(speeds) < 1 - OTHER_SPEED:
+        if min(speeds) > 1 + OTHER_SPEED or max(speeds) < 1 - OTHER_SPEED or math.inf in speeds:
             return None
         return reduce(self._larger, self._open, self._found)
 
@@ -133,9 +133,10 @@ class _Delays:
 
     @property
     def speed(self) -> float:
-        """The time in which the samples were received, in that of their stamps; 1 if that is not known."""
+        """The time in which the samples were received, in that of their stamps; inf if these stand still, 1 if they go back."""
         first, last = self._first or self._last, self._last
-        return (last[1] - first[1]) / (last[0] - first[0]) if last[0] > first[0] else 1.0
+        stamped = last[0] - first[0]
+        return (last[1] - first[1]) / stamped if stamped > 0 else 1.0 if stamped else math.inf
 
     def after(self, time: int) -> int:
         """The number of blocks that end after a time [ns]."""
