@@ -216,10 +216,10 @@ def test_the_cameras_file_gets_the_table_and_stays_as_it_is(tmp_path):
     text = file.read_text().replace("camera_name: camera", "camera_name: straight_down  # over the cell")
     file.write_text(text)
     points = measured(WIDE, tmp_path)
-    for _ in range(2):
-        printed("calibrate", "table", points, "--camera", file)
+    for name in ("points.csv", "POINTS.CSV"):
+        printed("calibrate", "table", points.rename(points.with_name(name)), "--camera", file)
         assert file.read_text().startswith(f"{text}table_homography: ")
-    assert np.array_equal(load_camera(file).H, calibrate_table(LENS, [read_table_points(points)]).camera.H)
+    assert np.array_equal(load_camera(file).H, calibrate_table(LENS, [read_table_points(points.with_name(name))]).camera.H)
     with pytest.raises(InvalidInput, match=r"camera\.yaml exists: give --force, or another --out FILE"):
         printed("calibrate", "lens", tmp_path, "--out", file)
 

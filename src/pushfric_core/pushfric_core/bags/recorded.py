@@ -65,7 +65,7 @@ def is_bag(folder: pathlib.Path) -> bool:
 
 
 def is_csv(path: pathlib.Path) -> bool:
-    """Whether this is the name of a CSV of observations, not of a bag."""
+    """Whether this is the name of a CSV, not of a folder."""
     return path.suffix.lower() == ".csv" and not path.is_dir()
 
 

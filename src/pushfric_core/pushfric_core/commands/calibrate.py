@@ -9,6 +9,7 @@ import numpy as np
 import typer
 import yaml
 
+from pushfric_core.bags.recorded import is_csv
 from pushfric_core.cell.cell_file import CellFile, load_cell
 from pushfric_core.cell.node_settings import NAMESPACE
 from pushfric_core.commands.application import Application, in_range
@@ -133,8 +134,8 @@ def table(
     """
     known = load_lens(camera)
     with telling_what_is_left(lambda: f"no calibration of the table was written to {camera}"):
-        if source.endswith(".csv"):
-            found = calibrate_table(known, [read_table_points(pathlib.Path(source))])
+        if is_csv(path := pathlib.Path(source)):
+            found = calibrate_table(known, [read_table_points(path)])
         else:
             frames = frames_from(source, namespace, (known.width, known.height))
             found = table_from_frames(frames, _board(columns, rows, square), known, say)
