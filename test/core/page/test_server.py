@@ -44,6 +44,9 @@ async def _fetch(url, **kwargs):
 def test_the_page_asks_with_the_token(server, asked):
     shown = {"Authorization": f"Bearer {TOKEN}"}
     assert b"drawing.js" in fetched(server, "").body
+    heads = [fetched(server, what, method="HEAD", headers=shown) for what in ("", "state")]
+    assert [(head.code, head.body, int(head.headers["Content-Length"]) > 0) for head in heads] == [(200, b"", True)] * 2
+    asked.clear()
     picture = fetched(server, PICTURE, headers=shown)
     assert (picture.headers["Content-Type"], picture.body) == ("image/png", b"\x89PNG")
     told = fetched(server, "work", method="POST", body=b"[]", headers=shown)

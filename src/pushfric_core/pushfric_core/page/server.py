@@ -202,6 +202,8 @@ class Page(_Served):
         self.set_header("Content-Type", f"{TYPES[path.suffix]}; charset=utf-8")
         self.write(path.read_bytes())
 
+    head = get
+
 
 class _Asked(_Served):
     """Something that a visitor asks for; an error is answered as `{"done": false, "message": ...}`."""
@@ -234,7 +236,7 @@ class _Asked(_Served):
 class Shown(_Asked):
     """A request that changes nothing."""
 
-    get = _Asked.answer
+    get = head = _Asked.answer
 
 
 class Done(_Asked):

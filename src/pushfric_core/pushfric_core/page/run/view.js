@@ -11,6 +11,7 @@ const WITHOUT_TOKEN = 4001, RUN_ENDED = 1001;
 const SWITCHES = document.querySelectorAll("#switches button"); // that a person at a simulated cell turns over
 
 const token = new URLSearchParams(location.search).get("token") ?? "";
+const headers = token ? { Authorization: `Bearer ${token}` } : {};
 const at = (id) => document.getElementById(id);
 const run = new Run();
 let story = run.story;
@@ -103,7 +104,7 @@ function show(blob) {
 
 async function ask(what, said) {
   try {
-    const answered = await fetch(what, { method: "POST", headers: token ? { Authorization: `Bearer ${token}` } : {} });
+    const answered = await fetch(what, { method: "POST", headers });
     const { done, message } = await answered.json();
     say((done && !said && message) || `${said ?? what}: ${message || (done ? "done" : "refused")}`, !done);
   } catch {
@@ -522,7 +523,6 @@ async function lay(pose) {
     sent = laid.pose;
     const [x, y, theta] = sent, turn = Math.atan2(Math.sin(theta), Math.cos(theta));
     try {
-      const headers = token ? { Authorization: `Bearer ${token}` } : {};
       const answered = await fetch(`lay/${[1e4 * x, 1e4 * y, (1800 / Math.PI) * turn].map(Math.round).join("/")}`, { method: "POST", headers });
       await answered.text(); // an answer that is not read keeps its connection, of which there are six
     } catch {
