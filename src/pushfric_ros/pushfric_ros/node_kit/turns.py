@@ -110,7 +110,7 @@ class Turns:
         while self._calls and time.monotonic() - begin < TURN:
             call = self._calls.popleft()
             age = time.monotonic() - call.came
-            gone = call.service not in self._begin or (call.response is not None and age > call.allowed)
+            gone = call.service not in self._begin or (call.response is not None and not age <= call.allowed)
             if gone or (age > PATIENCE and not self._node.count_clients(call.service.service_name)):
                 self.dropped += 1
                 continue
