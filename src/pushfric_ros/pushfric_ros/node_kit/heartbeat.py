@@ -4,6 +4,12 @@ A thread of its own publishes a node's heartbeats, so that neither a long callba
 shows that the process runs, and says for how long the node's executor, which does its work, has not turned. The owner of a
 push must be able to cancel it, so its executor's standstill counts like silence: death and hang have the same limit. Another
 node may have much to do; if it hangs, it ends itself (`process.HUNG`).
+
+Deadline and liveliness of the middleware cannot say this. All publishers of a topic share its deadline: as long as one is
+alive, none is missed. Liveliness (by topic, a lease of 0.25 s) notices death, SIGSTOP and hang after 0.22 to 0.24 s, as
+heartbeats do. But its event counts publishers and does not name them, says neither whose goal it is nor what happened, and the
+lease belongs to the match: a client with a longer one would not be heard at all, whatever `owner_timeout` allows. The
+middleware rmw_zenoh raises neither event (ros2/rmw_zenoh#934).
 """
 
 import threading
