@@ -47,7 +47,7 @@ CHOOSES: dict[str, tuple[str, ...]] = {
     ),
     "mu_c": ("MU_C", "MU_C_SPREAD", "VARIES", "FORCE_SPREAD", "SURELY_SLID", "LEAST_RATIO", "OPEN"),
     "doubts": (
-        *("FEWEST_COMPARED", "BAD_PUSH", "BROAD", "MANY_BAD", "CHANGED", "SHIFT", "SAME", "LATEST"),
+        *("FEWEST_COMPARED", "BAD_PUSH", "BROAD", "MANY_BAD", "CHANGED", "SHIFT", "LATEST"),
         *("FEWEST_AFTER", "FEWEST_BEFORE"),
     ),
     "mistakes": ("MISTAKE", "GEOMETRY", "MOST_COMPARED", "CLEAR", "REACH_OFF", "SMALL_SUPPORT"),

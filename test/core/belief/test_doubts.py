@@ -9,8 +9,10 @@ from problems import observations_of, seen_often, square
 
 from bench.paper.pushes import NOISES, filmed, moved, objects
 from pushfric_core import Estimator, EstimatorConfig, Support, Twist
+from pushfric_core.belief.judge import judging
 from pushfric_core.estimation.push_plan import even_pushes
 from pushfric_core.geometry.planar import rotation
+from pushfric_core.steps import finished
 
 POINTS = 0.04 * np.array(((-1, -1), (1, -1), (1, 1), (-1, 1)))
 BEFORE, AFTER = (Support(POINTS, np.array(weights)) for weights in ((0.1, 0.2, 0.3, 0.4), (0.2, 0.1, 0.2, 0.5)))
@@ -120,3 +122,10 @@ def test_a_moved_load_is_found_within_three_pushes(seed):
     x, y = verdict.change.shift  # by (-16, 0) mm, which three pushes tell only roughly
     assert -0.025 < x < -0.004
     assert abs(y) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_moved_load_is_found_as_soon_after_very_many_pushes(seed):
+    rng = np.random.default_rng(seed)
+    data = pushes_of(BEFORE, 400, rng) + pushes_of(AFTER, 3, rng, first=400)
+    assert abs(finished(judging(square().grid(4, 4, 0.01), data)).doubts.change.since_push - 400) <= 1

@@ -20,7 +20,6 @@ from pushfric_core.belief.constants import (
     LATEST,
     MANY_BAD,
     NU,
-    SAME,
     SHIFT,
 )
 from pushfric_core.belief.fit import Fit, Problem, damped, smaller, solved
@@ -147,8 +146,8 @@ def displaced(problem: Problem, fit: Fit, by_shift: Array, size: float, unusual:
     motions, count = len(by_shift), by_shift.shape[1]
     slopes = fit.slopes[:motions]
     off = fit.off[:motions] - slopes @ fit.parameters
-    usual = math.hypot(common_misfit(problem, fit, size), SAME * size)
-    (plain, _), (wrong, x) = (_evidence(problem, off, np.column_stack((slopes, by_shift * one))) for one in (usual, unusual))
+    both = (common_misfit(problem, fit, size), unusual)
+    (plain, _), (wrong, x) = (_evidence(problem, off, np.column_stack((slopes, by_shift * one))) for one in both)
     return wrong - plain, x[-count:] * unusual
 
 

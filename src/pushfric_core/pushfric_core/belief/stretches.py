@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pushfric_core.belief.constants import LEAST_RATIO, LONGEST_STRETCH, SURELY_SLID, USUAL_WAY
+from pushfric_core.belief.constants import LATEST, LEAST_RATIO, LONGEST_STRETCH, SURELY_SLID, USUAL_WAY
 from pushfric_core.geometry.planar import Array, Indices, left_of
 from pushfric_core.trajectories.observation import Observation
 
@@ -114,11 +114,12 @@ def steps_of(observations: Sequence[Observation], size: float) -> Steps:
 
 
 def thinned(steps: Steps, most: int) -> Steps:
-    """The steps of so many stretches at most, taken evenly."""
+    """The steps of so many stretches at most: of the last pushes, in which the object may have changed, and evenly before."""
     last = int(steps.part.max(initial=-1))
     if last < most:
         return steps
-    chosen = np.linspace(0, last, most).round().astype(int)
+    late = max(int(steps.part[steps.push >= np.unique(steps.push)[-LATEST:][0]][0]), last + 1 - most // 10)
+    chosen = np.append(np.linspace(0, late - 1, most + late - last - 1).round(), np.arange(late, last + 1)).astype(int)
     kept = np.isin(steps.part, chosen)
     return _rows(steps, kept)._replace(part=np.searchsorted(chosen, steps.part[kept]))
 
