@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import pathlib
 import subprocess
 import sys
 import time
@@ -50,6 +51,16 @@ def killed_at_the_end(command: list[Any], **options: Any) -> Iterator[subprocess
             yield process
         finally:
             process.kill()
+
+
+@contextlib.contextmanager
+def simulated_arm(log: pathlib.Path) -> Iterator[subprocess.Popen]:
+    """The arm of the examples in a process of its own, which is told to end; all that it says is in this file."""
+    arm = pathlib.Path(__file__).parents[1] / "examples/arm.py"
+    with log.open("w") as said, killed_at_the_end([sys.executable, arm], stdout=said, stderr=said) as process:
+        yield process
+        process.terminate()
+        process.wait(60)
 
 
 def all_was_seen(run: subprocess.CompletedProcess[str]) -> bool:

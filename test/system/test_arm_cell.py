@@ -2,12 +2,10 @@
 
 import json
 import pathlib
-import subprocess
-import sys
 
 import pytest
 import yaml
-from calls import all_was_seen, pushfric
+from calls import all_was_seen, pushfric, simulated_arm
 
 EXAMPLES = pathlib.Path(__file__).parents[2] / "examples"
 PATIENT = {"silence": 30.0, "owner_timeout": 60.0, "requires_timeout": 60.0}  # for a busy machine [s]
@@ -28,13 +26,9 @@ def test_an_arm_finds_the_centre_of_friction(driver, pushes, tmp_path):
     content["pusher"] |= {"driver": driver, "command": COMMANDS[driver], **PATIENT}
     content["plan"] |= {"file": "plan.yaml", "distance": 0.03, "speed": SPEED, "lost_object": 60.0, "lost_result": 60.0}
     (tmp_path / "cell.yaml").write_text(json.dumps(content))
-    with open(tmp_path / "log", "w") as log:
-        arm = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
-    try:
+    with simulated_arm(tmp_path / "log") as arm:
         run = pushfric("run", tmp_path / "cell.yaml", "--simulated-camera", "--headless", "--bag", tmp_path / "bag")
-    finally:
-        arm.terminate()
-        assert arm.wait(60) == 0, (tmp_path / "log").read_text()
+    assert arm.returncode == 0, (tmp_path / "log").read_text()
     seen = all_was_seen(run)
     estimate = json.loads(pushfric("estimate", tmp_path / "bag", "--json").stdout)
     assert estimate["pushes"] == pushes

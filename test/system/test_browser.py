@@ -8,7 +8,6 @@ import pathlib
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from axe import AXE, WATCH_SHIFTS, restless, violations
+from calls import PROGRAM, killed_at_the_end, pushfric
 from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
@@ -289,12 +289,8 @@ def table(tmp_path) -> Camera:
 @contextlib.contextmanager
 def edited(folder: pathlib.Path, *options: str):
     """A command `edit` of block.yaml in a folder, and the address of its page."""
-    command = [sys.executable, "-m", "pushfric_core", "edit", "block.yaml", "--port", "0", *options]
-    with (
-        subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=folder) as editor,
-        contextlib.ExitStack() as end,
-    ):
-        end.callback(editor.kill)
+    command = [*PROGRAM, "edit", "block.yaml", "--port", "0", *options]
+    with killed_at_the_end(command, stderr=subprocess.PIPE, text=True, cwd=folder) as editor:
         yield editor, editor.stderr.readline().split()[1]
 
 
@@ -404,8 +400,7 @@ def test_a_scan_gives_the_outline(browser, tmp_path):
 def recorded(tmp_path_factory) -> str:
     """Address of the page of a recorded run."""
     file = tmp_path_factory.mktemp("recorded") / "page.html"
-    command = ["report", str(pathlib.Path(__file__).parents[2] / "bags/rubber_rect4"), "--html", str(file)]
-    subprocess.run([sys.executable, "-m", "pushfric_core", *command], check=True)
+    assert pushfric("report", pathlib.Path(__file__).parents[2] / "bags/rubber_rect4", "--html", file).returncode == 0
     return file.as_uri()
 
 
@@ -439,8 +434,7 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
 def test_a_report_of_few_data_is_legible_and_does_not_look_usable(browser, tmp_path):
     heads = "contact_x,contact_y,normal_x,normal_y,vx,vy,omega,push_id"
     (tmp_path / "data.csv").write_text(f"{heads}\n0.01,-0.032,0,-1,0,0.02,0.1,1\n")
-    command = ["report", "data.csv", "--object", "rubber_rect4", "--html", "page.html"]
-    subprocess.run([sys.executable, "-m", "pushfric_core", *command], check=False, cwd=tmp_path)  # ends with 1: not usable
+    pushfric("report", "data.csv", "--object", "rubber_rect4", "--html", "page.html", cwd=tmp_path)  # ends with 1: not usable
     with visit(browser, (tmp_path / "page.html").as_uri()) as page:
         expect(page.locator("#now")).to_have_class("finished unusable")
         left = page.locator("#friction_chart").bounding_box()["x"]

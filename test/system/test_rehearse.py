@@ -11,7 +11,7 @@ import time
 from dataclasses import replace
 
 import pytest
-from calls import PROGRAM, wait_until
+from calls import PROGRAM, simulated_arm, wait_until
 from marlin_firmware import SimulatedMarlin
 
 from pushfric_core.simulated.faulty_line import once
@@ -129,15 +129,10 @@ def marlin(folder):
 
 @contextlib.contextmanager
 def arm(folder):
-    with open(folder / "log", "w") as log:
-        process = subprocess.Popen([sys.executable, EXAMPLES / "arm.py"], stdout=log, stderr=log)
-    try:
+    with simulated_arm(folder / "log"):
         with visit("waiting") as waiting:
             wait_until(lambda: waiting.node.count_publishers("/tool_pose"), "the start of the arm")
         yield ["source=pose_stamped", "topic=/tool_pose", "origin=[0, 0, 0.12]", "table=[0.5, 0.1, 0.3]", "silence=1"]
-    finally:
-        process.terminate()
-        process.wait(60)
     assert "Traceback" not in (folder / "log").read_text()
 
 

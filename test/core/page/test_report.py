@@ -11,11 +11,10 @@ import pathlib
 import re
 import signal
 import subprocess
-import sys
 
 import numpy as np
 import pytest
-from calls import printed
+from calls import PROGRAM, killed_at_the_end, printed
 from PIL import Image
 from tornado.websocket import websocket_connect
 
@@ -117,7 +116,6 @@ def test_the_page_holds_every_moment_of_the_run(page):
 
 def test_view_serves_the_page_on_this_machine_alone():
     """Without waiting for what takes long: pushes, then estimates, then what only the end tells."""
-    command = [sys.executable, "-m", "pushfric_core", "view", str(BAG), "--port", "0"]
 
     async def shown(url: str) -> list[dict]:
         socket = await websocket_connect(f"{url.replace('http', 'ws')}live")
@@ -127,28 +125,26 @@ def test_view_serves_the_page_on_this_machine_alone():
             parcels.append(parcel)
         return parcels
 
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as view:
-        try:
-            url = next(line.split()[1] for line in view.stderr if line.startswith("view: "))
+    with killed_at_the_end([*PROGRAM, "view", str(BAG), "--port", "0"], stderr=subprocess.PIPE, text=True) as view:
+        url = next(line.split()[1] for line in view.stderr if line.startswith("view: "))
 
-            def answer(host: str, page: str = "/", status: int = http.HTTPStatus.OK) -> str:
-                asked = http.client.HTTPConnection(url.split("/")[2], timeout=60)
-                asked.request("GET", page, headers={"Host": host} if host else {})
-                answered = asked.getresponse()
-                assert answered.status == status
-                return answered.read().decode()
+        def answer(host: str, page: str = "/", status: int = http.HTTPStatus.OK) -> str:
+            asked = http.client.HTTPConnection(url.split("/")[2], timeout=60)
+            asked.request("GET", page, headers={"Host": host} if host else {})
+            answered = asked.getresponse()
+            assert answered.status == status
+            return answered.read().decode()
 
-            assert "Waiting for the run" in answer("localhost")
-            parcels = asyncio.run(shown(url))
-            assert parcels[0]["recorded"]
-            whole = told(answer("", "/report.html"))
-            story = functools.reduce(operator.or_, parcels)
-            assert story.pop("reading", None) is None
-            assert {key: story.get(key) for key in whole if "picture" not in key} == {
-                key: value for key, value in whole.items() if "picture" not in key
-            }
-            for page in ("/", "/report.html"):
-                assert str(BAG) not in answer("elsewhere.example", page, http.HTTPStatus.FORBIDDEN)
-        finally:
-            view.send_signal(signal.SIGINT)
+        assert "Waiting for the run" in answer("localhost")
+        parcels = asyncio.run(shown(url))
+        assert parcels[0]["recorded"]
+        whole = told(answer("", "/report.html"))
+        story = functools.reduce(operator.or_, parcels)
+        assert story.pop("reading", None) is None
+        assert {key: story.get(key) for key in whole if "picture" not in key} == {
+            key: value for key, value in whole.items() if "picture" not in key
+        }
+        for page in ("/", "/report.html"):
+            assert str(BAG) not in answer("elsewhere.example", page, http.HTTPStatus.FORBIDDEN)
+        view.send_signal(signal.SIGINT)
         assert view.wait(60) == 130

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from calls import wait_until
 
 from pushfric_core.pushers.axis_reports import StatusReport
 from pushfric_core.pushers.grbl_protocol import RealTime, parse_status
@@ -63,10 +64,7 @@ class Peer:
 
     def hear(self, wanted: bytes) -> None:
         """Serve until this was heard: a pty hands bytes over a moment after they were written."""
-        deadline = time.monotonic() + 60.0
-        while wanted not in self.heard:
-            assert time.monotonic() < deadline, self.heard
-            self.serve()
+        wait_until(lambda: self.serve() or wanted in self.heard, wanted, 60.0)
 
 
 @pytest.fixture

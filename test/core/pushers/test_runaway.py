@@ -5,14 +5,13 @@ import math
 import os
 import re
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from itertools import pairwise
 
 import pytest
-from calls import wait_until
+from calls import killed_at_the_end, wait_until
 from line_stage import ACCELERATION, DEAD_MAN, LATE, SPEED, LineStage
 
 from pushfric_core.pushers.clock import suspended
@@ -280,8 +279,7 @@ def test_a_host_that_is_stopped_leaves_a_pusher_that_rests(stage):
     command = [sys.executable, "-c", CHILD, stage.line.port, str(FAR), str(SPEED)]
     heard: list[float] = []
     stage.line.heard = lambda data: heard.append(time.monotonic())
-    with subprocess.Popen(command) as process, contextlib.ExitStack() as end:
-        end.callback(process.kill)
+    with killed_at_the_end(command) as process:
         wait_until(lambda: stage.controller.position() > 0.01)
         process.send_signal(signal.SIGSTOP)
         begin = stage.controller.position()

@@ -7,7 +7,6 @@ import pathlib
 import re
 import signal
 import subprocess
-import threading
 import time
 
 import cv2
@@ -129,21 +128,15 @@ def live_cell(cell, ros):
     camera = SimulatedCamera(CAMERA, TIP, 0.01, np.random.default_rng(1), foreground=80, background=20)
     with SimulatedGrbl(time.monotonic, travel=0.1) as controller:
         cell.write_text(CELL.format(source="topic", port=controller.port))
-        out = ros.node("driver", namespace="/cell").create_publisher(Image, "image_raw", SENSOR_DATA)
-        over = threading.Event()
+        driver = ros.node("driver", namespace="/cell")
+        out = driver.create_publisher(Image, "image_raw", SENSOR_DATA)
 
         def show() -> None:
-            while not over.wait(0.04):
-                x, y = ORIGIN + controller.position() * DIRECTION
-                out.publish(image_to_msg(camera.render(Pose(x, y, 0.0)), 0))
+            x, y = ORIGIN + controller.position() * DIRECTION
+            out.publish(image_to_msg(camera.render(Pose(x, y, 0.0)), 0))
 
-        driver = threading.Thread(target=show)
-        driver.start()
-        try:
-            yield controller
-        finally:
-            over.set()
-            driver.join()
+        driver.create_timer(0.04, show)
+        yield controller
 
 
 def test_the_pusher_goes_along_its_stroke_and_back(cell, ros):

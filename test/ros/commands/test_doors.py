@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from calls import PROGRAM, figures, invoked, pushfric
+from calls import PROGRAM, figures, invoked, killed_at_the_end, pushfric
 from composition import made
 from problems import contacts_of, observations_of
 from semantic_damage import Recording
@@ -355,20 +355,18 @@ def replayed(ros, bag, friction, folder):
     command = [*PROGRAM, "replay", bag, "--rate", 10, "--stay", "--planner", "--headless", "--json"]
     with (
         (folder / "stderr").open("w") as stderr,
-        subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=stderr, text=True) as process,
+        killed_at_the_end(list(map(str, command)), stdout=subprocess.PIPE, stderr=stderr, text=True) as process,
     ):
-        try:
-            line = process.stdout.readline()  # printed when all has been played
-            assert line, (folder / "stderr").read_text()
-            node, last = ros.node("late", namespace="/cell"), {}
-            for kind in (FrictionEstimate, FrictionModel):
-                node.create_subscription(kind, TOPICS[kind], lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
-            client = planner_client(node, PredictPush)
-            ros.wait_for(lambda: len(last) == 2 and client.service_is_ready(), what="the estimate and the model that stay")
-            pushed = {"contact_points": [0.0, -0.03], "contact_normals": [0.0, -1.0], "tip_velocities": [0.0, 0.02]}
-            answer = ros.result(client.call_async(PredictPush.Request(**pushed)), "the answer of the planner")
-        finally:
-            process.send_signal(signal.SIGINT)
+        line = process.stdout.readline()  # printed when all has been played
+        assert line, (folder / "stderr").read_text()
+        node, last = ros.node("late", namespace="/cell"), {}
+        for kind in (FrictionEstimate, FrictionModel):
+            node.create_subscription(kind, TOPICS[kind], lambda msg, kind=kind: last.update({kind: msg}), LATCHED)
+        client = planner_client(node, PredictPush)
+        ros.wait_for(lambda: len(last) == 2 and client.service_is_ready(), what="the estimate and the model that stay")
+        pushed = {"contact_points": [0.0, -0.03], "contact_normals": [0.0, -1.0], "tip_velocities": [0.0, 0.02]}
+        answer = ros.result(client.call_async(PredictPush.Request(**pushed)), "the answer of the planner")
+        process.send_signal(signal.SIGINT)
         assert process.wait(60) == 0
     expected = predict(friction, [[0.0, -0.03]], [[0.0, -1.0]], [[0.0, 0.02]])
     assert [list(answer.twists)] == expected.twists.tolist()

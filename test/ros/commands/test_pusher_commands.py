@@ -11,7 +11,7 @@ import termios
 import time
 
 import pytest
-from calls import PROGRAM, invoked
+from calls import PROGRAM, invoked, wait_until
 from composition import made
 from stage import STAGE
 
@@ -28,10 +28,8 @@ def test_a_person_jogs_stops_and_resets(ros):
         ros.compose(made(ActuatorNode, "/person_cell", port=controller.port, **STAGE))
 
         def wait_for_idle() -> PusherState:
-            deadline = time.monotonic() + 60
-            while (state := person.state(new=True)).mode != PusherState.MODE_IDLE:
-                assert time.monotonic() < deadline, "the pusher does not idle"
-            return state
+            wait_until(lambda: person.state(new=True).mode == PusherState.MODE_IDLE, "an idle pusher", 60.0)
+            return person.state()
 
         wait_for_idle()
         assert re.fullmatch(r"reached(, unevenly: .*)?: 10.000 mm", person.jog(0.010, 0.05))

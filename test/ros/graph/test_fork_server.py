@@ -10,7 +10,6 @@ import socket
 import subprocess
 import sys
 import termios
-import time
 
 import pytest
 from calls import wait_until
@@ -83,9 +82,7 @@ def test_an_end_that_is_reported_together_with_the_start_is_known(server, start,
         ready = select_(*arguments)
         if ready[0] and not together:
             started = len(server._socket.recv(fork_server.LONGEST, socket.MSG_PEEK))
-            deadline = time.monotonic() + PATIENCE
-            while int.from_bytes(fcntl.ioctl(server._socket, termios.FIONREAD, bytes(4)), sys.byteorder) <= started:
-                assert time.monotonic() < deadline
+            wait_until(lambda: int.from_bytes(fcntl.ioctl(server._socket, termios.FIONREAD, bytes(4)), sys.byteorder) > started)
             together.append(started)
         return ready
 

@@ -6,7 +6,6 @@ import pathlib
 import signal
 import sys
 import tempfile
-import time
 
 import pytest
 from calls import wait_until
@@ -34,11 +33,9 @@ def run(monkeypatch):
     def run(**programs: NodeSpec) -> tuple[Ended, list[str]]:
         said: list[str] = []
         with Supervisor(list(programs.values()), NAME, lambda name, line: said.append(f"{name}: {line}")) as nodes:
-            deadline = time.monotonic() + 60
-            while (ended := nodes.poll()) is None:
-                assert time.monotonic() < deadline, said
-                time.sleep(0.01)
-        return ended, said
+            polled: list[Ended | None] = []
+            wait_until(lambda: polled.append(nodes.poll()) or polled[-1], said, 60.0)
+        return polled[-1], said
 
     return run
 

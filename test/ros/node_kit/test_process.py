@@ -6,9 +6,10 @@ import re
 import signal
 import subprocess
 import sys
+from contextlib import AbstractContextManager
 
 import pytest
-from calls import but_the_middleware
+from calls import but_the_middleware, killed_at_the_end
 
 PRELUDE = """
 import ctypes, os, signal
@@ -143,25 +144,21 @@ def test_a_node_whose_name_is_taken_refuses_to_start_until_the_other_one_has_die
     """However it died: the graph still shows a killed node when the next one starts."""
     program = [sys.executable, "-c", PRELUDE.replace('print("made")', 'print("made", flush=True)')]
 
-    def started(name: str) -> "subprocess.Popen[str]":
+    def started(name: str) -> AbstractContextManager[subprocess.Popen]:
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        return subprocess.Popen([*program[:2], program[2] + TWIN.replace("NAME", name)], **pipes)
+        return killed_at_the_end([*program[:2], program[2] + TWIN.replace("NAME", name)], **pipes)
 
     for _ in range(2):
         with started("one") as first, started("another") as other:
-            try:
-                assert [first.stdout.readline(), other.stdout.readline()] == ["made\n", "made\n"]
-                second = started("one")
+            assert [first.stdout.readline(), other.stdout.readline()] == ["made\n", "made\n"]
+            with started("one") as second:
                 said, error = second.communicate(timeout=120)
-                assert (second.returncode, said) == (2, "")
-                assert re.fullmatch(
-                    r"error: a node named /twins/one is already running on ROS domain \d+; end it, or .*\n",
-                    but_the_middleware(error),
-                )
-                assert first.poll() is None
-            finally:
-                first.kill()
-                other.kill()
+            assert (second.returncode, said) == (2, "")
+            assert re.fullmatch(
+                r"error: a node named /twins/one is already running on ROS domain \d+; end it, or .*\n",
+                but_the_middleware(error),
+            )
+            assert first.poll() is None
 
 
 LEAVES_NOTHING = """

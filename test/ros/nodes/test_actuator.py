@@ -646,10 +646,7 @@ def test_after_a_power_cut_a_pusher_that_homes_must_home_even_if_it_is_unlocked(
 
 def test_a_node_that_ends_stops_its_pusher(ros, controller, cell):
     cell.halfway(controller)
-    executor = cell.node.executor
-    executor.remove_node(cell.node)
-    ros._nodes.remove(cell.node)
-    ros.wait_for(executor.create_task(cell.node.destroy_node).done, what="the end of the node")
+    ros.end(cell.node)
     rest = controller.position()
     assert rest < 0.07
     assert controller.position() == rest

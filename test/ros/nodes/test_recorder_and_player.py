@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
+from calls import killed_at_the_end
 from composition import made
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
@@ -116,12 +117,9 @@ def outputs(ros):
 def recorder_process(ros, outputs, folder: pathlib.Path) -> Iterator[subprocess.Popen]:
     """A recorder as a process of its own, which hears the three topics; it does not outlive the block."""
     arguments = ["--ros-args", "-r", "__ns:=/cell", "-p", f"bag:={folder}", "-p", f"topics:={TOPICS}"]
-    with subprocess.Popen([sys.executable, "-c", RECORDER, *arguments], stderr=subprocess.PIPE) as process:
-        try:
-            wait_until_matched(ros, outputs)
-            yield process
-        finally:
-            process.kill()
+    with killed_at_the_end([sys.executable, "-c", RECORDER, *arguments], stderr=subprocess.PIPE) as process:
+        wait_until_matched(ros, outputs)
+        yield process
 
 
 def ended(process: subprocess.Popen, signum: int | None = None) -> tuple[int, str]:
