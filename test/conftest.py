@@ -206,6 +206,12 @@ class Ros:
         self.wait_for(future.done, what=what)
         return future.result()
 
+    def call(self, node, kind, name: str, **fields):
+        """The answer of a service to a request with these fields."""
+        client = node.create_client(kind, name)
+        self.wait_for(client.service_is_ready, what=name)
+        return self.result(client.call_async(kind.Request(**fields)), f"the answer of {name}")
+
     def answer(self, ask: Callable[..., Any], *question: object, what: str):
         """The answer to what an action client or its goal asks; `what` names it.
 

@@ -191,35 +191,30 @@ class Pair:
         self.steps = []
         while due:
             before = due.popleft()
-            for what in self.happenings(before):
-                facts = next((part for part in what if isinstance(part, frozenset)), frozenset())
-                after, actions = self.follow(before, what)
-                self.steps.append((before, what[0], facts, after, actions))
+            for event, facts in self.happenings(before):
+                after, actions = self.follow(before, event, facts)
+                self.steps.append((before, event, facts, after, actions))
                 if after not in self.reached:
                     self.reached.add(after)
                     due.append(after)
 
     def happenings(self, pair):
         state, machine = pair
-        asked = [
-            e
-            for e in Event
-            if e not in (Event.CONNECTED, Event.MISPLACED, Event.UNSURE, Event.FAILED, Event.LOST, Event.RESTED)
-        ]
+        told = Event.CONNECTED, Event.MISPLACED, Event.UNSURE, Event.FAILED, Event.LOST, Event.RESTED  # by the driver
         if Life.UNCONFIGURED in state:
             asked = [Event.CONFIGURE, Event.STOP]
         elif Life.INACTIVE in state:
             asked = [Event.ACTIVATE, Event.LEAVE, Event.STOP, Event.RESET, Event.GOAL, Event.CHECKED]
         else:
-            asked = [e for e in asked if e not in (Event.CONFIGURE, Event.ACTIVATE)]
+            asked = [e for e in Event if e not in (*told, Event.CONFIGURE, Event.ACTIVATE)]
         for event in asked:
             yield from ((event, facts) for facts in every(Enable, Needs, Way, ReportedMode))
         if Life.UNCONFIGURED in state:
             return
         if Phase.CLOSED in machine:
-            yield (DriverEvent.CONNECT,)
+            yield DriverEvent.CONNECT, frozenset()
             return
-        yield (DriverEvent.LOST,)
+        yield DriverEvent.LOST, frozenset()
         for facts in every(Enable, Needs, Way, ReportedMode):
             if Phase.RESTING not in machine:
                 yield DriverEvent.DONE, facts
@@ -227,11 +222,11 @@ class Pair:
                 yield DriverEvent.STOP, facts
                 yield DriverEvent.DOUBT, facts
 
-    def follow(self, pair, what):
+    def follow(self, pair, event, facts):
         """What follows, in both; and what the actuator did."""
         self.state, self.machine = pair
+        self.facts = facts
         self.done = []
-        event, self.facts = what[0], what[1] if len(what) > 1 else frozenset()
         connecting = Phase.CONNECTING in self.machine
         if isinstance(event, Event):
             self.tell_node(event)

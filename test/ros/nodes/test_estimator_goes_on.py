@@ -15,7 +15,7 @@ from problems import observations_of
 from rclpy.serialization import serialize_message
 from semantic_damage import STREAMS, Recording
 from std_srvs.srv import Trigger
-from test_estimator_node import NAME, call, pose_msg, push, pusher_msg
+from test_estimator_node import NAME, pose_msg, push, pusher_msg
 
 from pushfric_core import TABLE_1, Estimator, InvalidInput, Pose, Trajectory
 from pushfric_core.bags.bag import Bag
@@ -175,12 +175,12 @@ def test_one_that_dies_twice_keeps_what_a_person_chose_and_forgets_what_was_rese
     cell = cell_of()
     cell.send(pushes[0])
     cell.await_data(counts[0])
-    assert call(ros, cell.node, Trigger, "estimator/reset", Trigger.Request()).success
+    assert ros.call(cell.node, Trigger, "estimator/reset").success
     cell.send(pushes[1] + pushes[2])
     cell.await_data(counts[2] - counts[0])
-    assert call(ros, cell.node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1)).success
+    assert ros.call(cell.node, SelectPush, "estimator/exclude_push", push_id=1).success
     cell.await_data(counts[2] - counts[1])
-    assert call(ros, cell.node, SelectPush, "estimator/keep_push", SelectPush.Request(push_id=2)).success
+    assert ros.call(cell.node, SelectPush, "estimator/keep_push", push_id=2).success
     for push_id in (3, 4):
         cell.die()
         cell.start()
@@ -237,7 +237,7 @@ def test_a_model_serves_the_object_that_it_is_of(ros, tmp_path):
     estimator = ros.compose(made(EstimatorNode, object=NAME, source="observations", model=path, save=path))
 
     def chosen(name):
-        return call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object=name)).message
+        return ros.call(node, SelectObject, "estimator/select_object", object=name).message
 
     assert chosen(NAME) == f"estimation of {NAME} starts; it goes on from {path}"
     assert chosen("wood_rect3") == f"estimation of wood_rect3 starts; it does not use the model of {NAME}, {path}"

@@ -163,31 +163,25 @@ def test_bad_messages_are_refused_and_change_nothing(ros):
     assert estimates[-1].data_points == 3
 
 
-def call(ros, node, kind, name, request):
-    client = node.create_client(kind, name)
-    assert client.wait_for_service(10.0)
-    return ros.result(client.call_async(request), f"the answer of {name}")
-
-
 def test_reset_and_select_object_restart_the_estimate(ros, tmp_path):
     node, out, estimates = estimator_of_observations(ros)
     first = observation_to_msg(DATA[0], NAME)
     for count in (1, 2):
         out.publish(first)
         ros.wait_for(lambda count=count: len(estimates) == count, what="an estimate")
-    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    assert ros.call(node, Trigger, "estimator/reset").success
     out.publish(first)  # of a push that is left out
     out.publish(observation_to_msg(DATA[1], NAME))
     ros.wait_for(lambda: len(estimates) == 4, what="an estimate")
     assert [msg.data_points for msg in estimates] == [1, 2, 0, 1]
-    assert call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="wood_rect3")).success
-    refusal = call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object="brick"))
+    assert ros.call(node, SelectObject, "estimator/select_object", object="wood_rect3").success
+    refusal = ros.call(node, SelectObject, "estimator/select_object", object="brick")
     assert not refusal.success
     assert "no object 'brick'" in refusal.message
     bomb = tmp_path / "bomb.yaml"
     bomb.write_text("[" * 3000)
     for name in ("x" * 5000, "!!int ''", str(tmp_path), str(bomb)):
-        refusal = call(ros, node, SelectObject, "estimator/select_object", SelectObject.Request(object=name))
+        refusal = ros.call(node, SelectObject, "estimator/select_object", object=name)
         assert not refusal.success
         assert len(refusal.message) < 1100
     broken = observation_to_msg(DATA[0], NAME)
@@ -283,9 +277,9 @@ def test_an_excluded_push_stays_excluded_until_it_is_kept(ros):
     out.publish(data[0])
     ros.wait_for(lambda: len(estimates) == 1, what="an estimate")
     for choice in ("exclude", "keep"):
-        refusal = call(ros, node, SelectPush, f"estimator/{choice}_push", SelectPush.Request(push_id=9))
+        refusal = ros.call(node, SelectPush, f"estimator/{choice}_push", push_id=9)
         assert (refusal.success, refusal.message) == (False, "push_id must be one of 7, got 9")
-    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=7)).success
+    assert ros.call(node, SelectPush, "estimator/exclude_push", push_id=7).success
     ros.wait_for(lambda: nothing_is_known(parts), what="that what was published is taken back")
     ros.wait_for(lambda: len(estimates) == 2, what="the end of the estimate")
     assert estimates[-1].status == FrictionEstimate.STATUS_NO_DATA
@@ -294,12 +288,12 @@ def test_an_excluded_push_stays_excluded_until_it_is_kept(ros):
     out.publish(observation_to_msg(DATA[3], NAME))
     ros.wait_for(lambda: len(estimates) == 3, what="an estimate from another push")
     assert (estimates[-1].data_points, estimates[-1].pushes) == (1, 1)
-    answer = call(ros, node, SelectPush, "estimator/keep_push", SelectPush.Request(push_id=7))
+    answer = ros.call(node, SelectPush, "estimator/keep_push", push_id=7)
     assert (answer.success, answer.message) == (True, "kept: 3 observations of 2 pushes are in")
     ros.wait_for(lambda: len(estimates) == 4, what="the estimate with the push")
     assert (estimates[-1].data_points, estimates[-1].pushes) == (3, 2)
     ros.wait_for(lambda: EstimatorSettings.from_text(settings[-1].data).kept == (7,), what="the settings")
-    assert call(ros, node, Trigger, "estimator/reset", Trigger.Request()).success
+    assert ros.call(node, Trigger, "estimator/reset").success
     out.publish(observation_to_msg(DATA[4], NAME))
     ros.wait_for(lambda: len(estimates) == 6, what="an estimate after the reset")
     assert (estimates[-1].data_points, estimates[-1].pushes) == (1, 1)
@@ -324,7 +318,7 @@ def test_contradicting_data_give_a_status_and_no_values(ros):
     ros.wait_for(lambda: len(estimates) == 2 and nothing_is_known(parts), what="that w, p_CF and mu_c are taken back")
     assert estimates[-1].status == FrictionEstimate.STATUS_INFEASIBLE
     ros.wait_for(lambda: said(DiagnosticStatus.ERROR, "the normals point inward in 1 of 2"), what="the cause")
-    assert call(ros, node, SelectPush, "estimator/exclude_push", SelectPush.Request(push_id=1)).success
+    assert ros.call(node, SelectPush, "estimator/exclude_push", push_id=1).success
     ros.wait_for(lambda: parts["support_friction"].weights, what="w without the push that contradicts")
 
 

@@ -158,9 +158,7 @@ class Table:
         return last
 
     def call(self, service: str) -> bool:
-        client = self._node.create_client(Trigger, service)
-        self.ros.wait_for(client.service_is_ready, what=service)
-        return self.ros.result(client.call_async(Trigger.Request()), f"the answer of {service}").success
+        return self.ros.call(self._node, Trigger, service).success
 
     def choose(self, choice: str) -> None:
         """Wait until a person is asked what becomes of an aborted push, and answer."""

@@ -77,7 +77,9 @@ def stroke_request(**more):
     )
 
 
-def expected_model():
+@pytest.fixture(scope="module")
+def model():
+    """What the estimator makes of DATA."""
     return friction_model(Estimator(KNOWN.support_points).add(DATA))
 
 
@@ -136,9 +138,8 @@ def numbers(array):
     return np.ravel(array).tolist()
 
 
-def test_answers_are_those_of_the_core_to_the_last_bit(cell):
+def test_answers_are_those_of_the_core_to_the_last_bit(cell, model):
     """Those that test_doors.py does not ask for."""
-    model = expected_model()
     found, expected = cell.ask("predict_push", push_request(with_samples=True)), predict(model, CONTACTS, NORMALS, VELOCITIES)
     assert list(found.sample_twists) == expected.samples.twists.ravel().tolist()
     assert list(found.weights) == model.share.tolist()
@@ -154,8 +155,7 @@ def test_answers_are_those_of_the_core_to_the_last_bit(cell):
     assert (list(cones.right), list(cones.left)) == (numbers(cone.right), numbers(cone.left))
 
 
-def test_the_mean_alone_moves_as_with_its_samples(cell):
-    model = expected_model()
+def test_the_mean_alone_moves_as_with_its_samples(cell, model):
     alone = cell.ask("predict_push", push_request(mean_only=True, with_samples=True))
     assert list(alone.twists) == numbers(predict(model, CONTACTS, NORMALS, VELOCITIES).twists)
     assert list(alone.weights) == [1.0]
@@ -210,8 +210,7 @@ def test_a_late_planner_answers_from_the_topic_alone(ros, cell):
     assert first.success
 
 
-def test_slices_make_no_difference(cell):
-    model = expected_model()
+def test_slices_make_no_difference(cell, model):
     pushes, request = many_pushes(1500, with_samples=True)
     found, expected = cell.ask("predict_push", request), predict(model, *pushes)
     assert list(found.twists) == numbers(expected.twists)
@@ -219,8 +218,7 @@ def test_slices_make_no_difference(cell):
     assert list(found.spreads) == expected.spread.tolist()
 
 
-def test_the_limit_surface_comes_in_the_forms_of_planners(cell):
-    model = expected_model()
+def test_the_limit_surface_comes_in_the_forms_of_planners(cell, model):
     msg = cell.ask("limit_surface", GetLimitSurface.Request()).limit_surface
     assert (msg.object, msg.header.frame_id, msg.contact_friction) == (NAME, "object", model.median_mu_c)
     assert (msg.f_max, msg.m_max) == (1, named_ellipsoid(model.support).m_max)

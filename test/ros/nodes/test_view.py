@@ -1,5 +1,6 @@
 """The view node in a graph whose other nodes are played by the test."""
 
+import contextlib
 import json
 import urllib.error
 import urllib.request
@@ -110,22 +111,21 @@ def cell(ros):
 
 
 def test_a_late_visitor_is_told_everything_from_the_start(cell):
-    early = Visitor(cell.url)
-    for push, stamp in ((0, 1), (0, 2), (1, 3)):
-        cell.push(push, stamp, estimate_first=stamp == 2)
-    cell.plan.publish(PlanProgress(phase=PlanProgress.PHASE_PLACING, push_id=2, count=5, message="place it"))
-    early.until(lambda: "plan" in early.story and early.story.get("moment/2", {}).get("after"))
-    late = Visitor(cell.url)
-    late.until(lambda: late.wholes)
-    told, told_early = ({key: one.story[key] for key in one.story if not key.startswith("node/")} for one in (late, early))
-    assert told == told_early  # except for the nodes' health, which goes on changing
-    assert late.story["plan"]["message"] == "place it"
-    moments = [late.story[f"moment/{seen}"] for seen in range(3)]
-    assert [moment["push"] for moment in moments] == [0, 0, 1]
-    assert [moment["after"]["data_points"] for moment in moments] == [1, 2, 3]
-    assert late.story["estimate"]["mu_c"]["max"] == "inf"
-    early.close()
-    late.close()
+    with contextlib.closing(Visitor(cell.url)) as early:
+        for push, stamp in ((0, 1), (0, 2), (1, 3)):
+            cell.push(push, stamp, estimate_first=stamp == 2)
+        cell.plan.publish(PlanProgress(phase=PlanProgress.PHASE_PLACING, push_id=2, count=5, message="place it"))
+        early.until(lambda: "plan" in early.story and early.story.get("moment/2", {}).get("after"))
+        late = Visitor(cell.url)
+        late.until(lambda: late.wholes)
+        told, told_early = ({key: one.story[key] for key in one.story if not key.startswith("node/")} for one in (late, early))
+        assert told == told_early  # except for the nodes' health, which goes on changing
+        assert late.story["plan"]["message"] == "place it"
+        moments = [late.story[f"moment/{seen}"] for seen in range(3)]
+        assert [moment["push"] for moment in moments] == [0, 0, 1]
+        assert [moment["after"]["data_points"] for moment in moments] == [1, 2, 3]
+        assert late.story["estimate"]["mu_c"]["max"] == "inf"
+        late.close()
 
 
 def test_only_somebody_who_looks_costs_images_and_poses(cell):
@@ -149,52 +149,49 @@ def test_only_somebody_who_looks_costs_images_and_poses(cell):
 def test_keyframes_are_kept_for_those_who_come_later(cell):
     keyframes = cell.ros.publisher(cell.node, CompressedImage, "keyframes/compressed", RELIABLE)  # though nobody looks
     cell.push(0, 1)
-    visitor = Visitor(cell.url)
-    visitor.until(lambda: "moment/0" in visitor.story)
-    keyframes.publish(CompressedImage(format="jpeg", data=b"a picture"))
-    visitor.until(lambda: "picture/0" in visitor.story)
-    assert visitor.story["picture/0"]["at"] == 1
-    with urllib.request.urlopen(f"{cell.url}picture/0", timeout=PATIENCE) as answer:
-        assert (answer.headers["Content-Type"], answer.read()) == ("image/jpeg", b"a picture")
-    with pytest.raises(urllib.error.HTTPError, match="404"):
-        urllib.request.urlopen(f"{cell.url}picture/1", timeout=PATIENCE)
-    visitor.close()
+    with contextlib.closing(Visitor(cell.url)) as visitor:
+        visitor.until(lambda: "moment/0" in visitor.story)
+        keyframes.publish(CompressedImage(format="jpeg", data=b"a picture"))
+        visitor.until(lambda: "picture/0" in visitor.story)
+        assert visitor.story["picture/0"]["at"] == 1
+        with urllib.request.urlopen(f"{cell.url}picture/0", timeout=PATIENCE) as answer:
+            assert (answer.headers["Content-Type"], answer.read()) == ("image/jpeg", b"a picture")
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"{cell.url}picture/1", timeout=PATIENCE)
 
 
 def test_pose_pusher_and_the_cells_own_nodes_are_shown(cell):
-    visitor = Visitor(cell.url)
-    cell.ros.wait_for(cell.pushers.get_subscription_count, PATIENCE, "a subscription to pusher_state")
-    pose = PoseWithCovarianceStamped()
-    pose.pose.pose.position.x, pose.pose.pose.orientation.w, pose.header.frame_id = 0.1, 1.0, "table"
-    pose.header.stamp.sec = 1
-    cell.node.create_timer(0.05, lambda: cell.poses.publish(pose))
-    cell.pushers.publish(PusherState(mode=PusherState.MODE_RUNNING, position=0.02, push_id=PusherState.NO_PUSH))
-    values = [KeyValue(key="frames/s", value="14.0")]
-    statuses = [
-        DiagnosticStatus(name=name, message="no frames", level=b"\2", values=values) for name in ("/cell/tracker", "/b")
-    ]
-    cell.health.publish(DiagnosticArray(status=statuses))
-    visitor.until(lambda: {"pose", "pusher", "node/tracker"} <= set(visitor.story))
-    assert visitor.story["pose"] == [0.1, 0.0, 0.0]
-    assert (visitor.story["pusher"]["mode"], visitor.story["pusher"]["position"]) == ("running", 0.02)
-    assert visitor.story["node/tracker"] == {"level": "error", "message": "no frames", "values": {"frames/s": "14.0"}}
-    assert not any(name.endswith("/b") for name in visitor.story)
-    visitor.close()
+    with contextlib.closing(Visitor(cell.url)) as visitor:
+        cell.ros.wait_for(cell.pushers.get_subscription_count, PATIENCE, "a subscription to pusher_state")
+        pose = PoseWithCovarianceStamped()
+        pose.pose.pose.position.x, pose.pose.pose.orientation.w, pose.header.frame_id = 0.1, 1.0, "table"
+        pose.header.stamp.sec = 1
+        cell.node.create_timer(0.05, lambda: cell.poses.publish(pose))
+        cell.pushers.publish(PusherState(mode=PusherState.MODE_RUNNING, position=0.02, push_id=PusherState.NO_PUSH))
+        values = [KeyValue(key="frames/s", value="14.0")]
+        statuses = [
+            DiagnosticStatus(name=name, message="no frames", level=b"\2", values=values) for name in ("/cell/tracker", "/b")
+        ]
+        cell.health.publish(DiagnosticArray(status=statuses))
+        visitor.until(lambda: {"pose", "pusher", "node/tracker"} <= set(visitor.story))
+        assert visitor.story["pose"] == [0.1, 0.0, 0.0]
+        assert (visitor.story["pusher"]["mode"], visitor.story["pusher"]["position"]) == ("running", 0.02)
+        assert visitor.story["node/tracker"] == {"level": "error", "message": "no frames", "values": {"frames/s": "14.0"}}
+        assert not any(name.endswith("/b") for name in visitor.story)
 
 
 def test_what_is_left_out_stays_when_estimation_starts_again(cell):
-    visitor = Visitor(cell.url)
-    for push in (0, 1):
-        cell.push(push, push + 1)
-    visitor.until(lambda: visitor.story.get("moment/1", {}).get("after"))
-    cell.settings.publish(String(data=EstimatorSettings().without([0]).to_text()))
-    visitor.until(lambda: visitor.story["push/0"]["excluded"])
-    cell.estimates.publish(nothing_known("rubber_rect4"))
-    visitor.until(lambda: "push/1" not in visitor.story)
-    assert {"push/0", "moment/0"} <= set(visitor.story)
-    assert "moment/1" not in visitor.story
-    assert "estimate" not in visitor.story
-    visitor.close()
+    with contextlib.closing(Visitor(cell.url)) as visitor:
+        for push in (0, 1):
+            cell.push(push, push + 1)
+        visitor.until(lambda: visitor.story.get("moment/1", {}).get("after"))
+        cell.settings.publish(String(data=EstimatorSettings().without([0]).to_text()))
+        visitor.until(lambda: visitor.story["push/0"]["excluded"])
+        cell.estimates.publish(nothing_known("rubber_rect4"))
+        visitor.until(lambda: "push/1" not in visitor.story)
+        assert {"push/0", "moment/0"} <= set(visitor.story)
+        assert "moment/1" not in visitor.story
+        assert "estimate" not in visitor.story
 
 
 def test_each_kind_of_message_that_cannot_be_shown_is_in_the_log(cell, capfd):
@@ -251,9 +248,8 @@ def test_without_the_token_only_a_stop_is_taken(ros):
     with pytest.raises(ConnectionError, match=r"4001. the token"):
         refused.until(lambda: refused.wholes)
     assert not refused.story
-    welcome = Visitor(cell.url, "a-secret-word")
-    welcome.until(lambda: welcome.wholes)
-    welcome.close()
+    with contextlib.closing(Visitor(cell.url, "a-secret-word")) as welcome:
+        welcome.until(lambda: welcome.wholes)
 
 
 def test_a_taken_port_is_refused_in_one_line(ros):
