@@ -25,8 +25,7 @@ EXTRAS = {"mcap", "rosbags", "lz4", "zstandard", "cv2", "serial", "matplotlib", 
 
 @pytest.fixture(scope="module")
 def estimate():
-    estimator = Estimator(KNOWN.support_points, outline=KNOWN.outline)
-    return estimator.add(DATA)
+    return Estimator(KNOWN.support_points, outline=KNOWN.outline).add(DATA)
 
 
 def test_print_gives_three_lines_for_a_person(estimate):

@@ -188,8 +188,7 @@ def test_json_without_a_file_is_printed_alone(call, place):
 
 
 def test_json_with_a_file_is_written_there_as_well(call, tmp_path):
-    said = call("estimate", BAG, "--json", tmp_path / "result.json").stdout
-    assert said.endswith("from   72 observations of 14 pushes\n")
+    assert call("estimate", BAG, "--json", tmp_path / "result.json").stdout.endswith("from   72 observations of 14 pushes\n")
     assert json.loads((tmp_path / "result.json").read_text())["pushes"] == 14
 
 

@@ -90,8 +90,7 @@ def test_the_bag_gives_exactly_the_live_estimate_offline(demo):
     bag, result, _ = demo
     run = pushfric("estimate", bag, "--json")
     assert run.returncode == 0, run.stderr
-    offline = json.loads(run.stdout)
-    assert offline == {key: result[key] for key in KEYS}
+    assert json.loads(run.stdout) == {key: result[key] for key in KEYS}
 
 
 def test_the_keys_of_a_terminal_steer_the_demo(tmp_path):
@@ -191,8 +190,7 @@ def test_an_estimator_that_is_killed_goes_on_from_the_bag(running, tmp_path):
     assert code == bool(aborted), running.output
     assert "estimator was killed by SIGKILL; starting it again" in running.output
     assert running.nodes_alive() == {}
-    read = pushfric("estimate", tmp_path / "bag", "--json")
-    offline = json.loads(read.stdout)
+    offline = json.loads(pushfric("estimate", tmp_path / "bag", "--json").stdout)
     with AnyReader([tmp_path / "bag"]) as reader:
         told = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/cell/friction_estimate"]
         points = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/cell/observation"]

@@ -24,19 +24,16 @@ def test_noiseless_data_give_back_the_truth(make):
 
 def test_two_translations_meet_in_the_middle():
     """A translation puts p_CF on its line: two such lines 20 mm apart leave 10 mm to either."""
-    fit = least_squares_fit([translation(0.0), translation(0.02)], ENDS)
-    assert fit == pytest.approx((1 / 3, 2 / 3))
+    assert least_squares_fit([translation(0.0), translation(0.02)], ENDS) == pytest.approx((1 / 3, 2 / 3))
 
 
 def test_weights_may_be_negative_and_p_cf_outside_of_the_supports():
-    fit = least_squares_fit([translation(0.06)], ENDS)
-    assert fit == pytest.approx((-0.5, 1.5))
+    assert least_squares_fit([translation(0.06)], ENDS) == pytest.approx((-0.5, 1.5))
 
 
 def test_what_the_data_leave_open_stays_near_uniform():
     points = np.array(((-0.03, 0.0), (0.03, 0.0), (0.0, 0.04), (0.0, -0.04)))
-    fit = least_squares_fit([translation(0.0)], points)
-    assert fit == pytest.approx(np.full(4, 0.25))
+    assert least_squares_fit([translation(0.0)], points) == pytest.approx(np.full(4, 0.25))
 
 
 def test_no_other_sum_of_one_has_smaller_moments(rng):

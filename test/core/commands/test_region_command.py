@@ -87,13 +87,11 @@ def test_a_collapsed_region_says_so(tmp_path):
 
 def test_slipping_pushes_give_mu_c_itself(data, tmp_path):
     figures = json.loads(said("estimate", data, "--slipping-push", 1, "--slipping-push", 4, "--json"))
-    estimator = Estimator(load_object(NAME).support_points)
-    estimate = estimator.add(DATA)
+    estimate = Estimator(load_object(NAME).support_points).add(DATA)
     slipping = estimate.contact_friction[[1, 4]]
     assert figures["mu_c"]["slipping"] == [slipping.min(), slipping.max()]
     assert figures["w"] == estimate.w.tolist()  # of all observations
-    text = said("estimate", data, "--slipping-push", 1, "--figure", tmp_path / "figure.png")
-    assert "in the pushes that slipped" in text
+    assert "in the pushes that slipped" in said("estimate", data, "--slipping-push", 1, "--figure", tmp_path / "figure.png")
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
     assert "slipping" not in json.loads(said("estimate", data, "--json"))["mu_c"]
 

@@ -69,8 +69,7 @@ def test_the_histogram_counts_every_lower_bound_and_marks_p90_and_max(drawn, est
 def test_infinite_lower_bounds_fill_the_last_bin(drawn, tmp_path):
     data = DATA[0]
     pull = data.__class__(data.contact_point, tuple(-n for n in data.contact_normal), data.twist)
-    estimator = Estimator(KNOWN.support_points)
-    course = [estimator.add(pull)]
+    course = [Estimator(KNOWN.support_points).add(pull)]
     assert course[-1].mu_c_max == math.inf
     save_figure(run_figure(KNOWN.outline, course, [pull], None), tmp_path / "figure.png")
     axes = panel(drawn[0], "Lower bounds")

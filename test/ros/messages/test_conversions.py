@@ -82,8 +82,7 @@ def test_impossible_pusher_states_are_refused():
 @pytest.mark.parametrize("pushes", [1, 9])  # without a spread, and with one
 def test_a_report_survives_the_message(pushes):
     problem = four_feet()
-    estimator = Estimator(problem.truth.points)
-    estimate = estimator.add(problem.observations[:pushes])
+    estimate = Estimator(problem.truth.points).add(problem.observations[:pushes])
     assert (estimate.confidence is None) == (pushes == 1)
     reasons = tuple(Reason(code, f"because of {code}") for code in map(str.lower, constants.constants("Reason")))
     verdict = Verdict(reasons, (Rejected(3, reasons[-1]),), Change(7, (0.01, -0.02)), reasons[:1])

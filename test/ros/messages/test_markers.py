@@ -28,8 +28,7 @@ DATA = observations_of(OUTLINE, TABLE_1[NAME].support, 0.5, 5, np.random.default
 
 @pytest.fixture
 def estimate():
-    estimator = Estimator(load_object(NAME).support_points)
-    last = estimator.add(DATA)
+    last = Estimator(load_object(NAME).support_points).add(DATA)
     return estimate_to_msg(EstimateReport.of(last, NAME, last.belief))
 
 

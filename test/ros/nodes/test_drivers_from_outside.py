@@ -123,8 +123,7 @@ def test_a_pusher_from_outside_pushes(ros, package, write):
     assert node.get_parameter("backlash").value == 0.0002
     ros.wait_for(lambda: states and states[-1].mode == PusherState.MODE_IDLE, what="a pusher that is ready")
     ros.wait_for(client.server_is_ready, what="the action server")
-    goal = Push.Goal(push_id=3, distance=0.03, speed=0.06)
-    handle = ros.answer(client.send_goal_async, goal, what="the answer to the goal")
+    handle = ros.answer(client.send_goal_async, Push.Goal(push_id=3, distance=0.03, speed=0.06), what="the answer to the goal")
     ended = ros.answer(handle.get_result_async, what="the end of the push")
     assert ended.status == GoalStatus.STATUS_SUCCEEDED
     assert ended.result.travelled == pytest.approx(0.03, abs=0.003)  # as last reported

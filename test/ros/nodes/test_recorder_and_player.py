@@ -194,15 +194,13 @@ def test_under_simulated_time_messages_before_the_first_tick_get_it(ros, outputs
 
 def test_messages_dropped_by_a_full_queue_are_counted_and_warned_of_once(ros, outputs, tmp_path):
     reports = []
-    monitor = ros.node("monitor")
-    monitor.create_subscription(DiagnosticArray, "/diagnostics", lambda msg: reports.extend(msg.status), RELIABLE)
+    ros.node("monitor").create_subscription(DiagnosticArray, "/diagnostics", lambda msg: reports.extend(msg.status), RELIABLE)
     node = ros.compose(made(RecorderNode, bag=str(tmp_path / "bag"), topics=TOPICS))
     wait_until_matched(ros, outputs)
     outputs[0].publish(Observation())
     ros.wait_for(lambda: node._bag.message_count == 1, what="the first message")
     busy, go_on = threading.Event(), threading.Event()
-    stall = ros.node("stall").create_guard_condition(lambda: (busy.set(), go_on.wait()))
-    stall.trigger()
+    ros.node("stall").create_guard_condition(lambda: (busy.set(), go_on.wait())).trigger()
     assert busy.wait(10)
     for _ in range(QUEUE_DEPTH + 200):
         outputs[0].publish(Observation())
@@ -211,8 +209,7 @@ def test_messages_dropped_by_a_full_queue_are_counted_and_warned_of_once(ros, ou
     warning = "messages were lost before they could be recorded: 200 of /cell/observation"
     well = f"{QUEUE_DEPTH + 1} messages recorded"
     ros.wait_for(lambda: reports and reports[-1].message == well, what="a report that all is well")
-    levels = {report.message: report.level for report in reports}
-    assert levels[warning] == Level.WARN.value
+    assert {report.message: report.level for report in reports}[warning] == Level.WARN.value
     assert [report.message for report in reports].count(warning) == 1
     assert {pair.key: pair.value for pair in reports[-1].values}["lost"] == "200"
     ros.take_out(node)
@@ -345,8 +342,7 @@ def test_the_clock_runs_over_the_bag_at_100_hz_of_its_time_and_no_more_than_500_
 def test_only_the_chosen_topics_are_played(ros, tmp_path):
     make_bag(tmp_path / "bag", 12)
     listener = Listener(ros)
-    chosen = {"topics": ["/cell/observation"], "wait_for": ["observation"]}
-    wanted = ros.compose(player(bag=str(tmp_path / "bag"), **chosen))
+    wanted = ros.compose(player(bag=str(tmp_path / "bag"), topics=["/cell/observation"], wait_for=["observation"]))
     ros.wait_for(lambda: wanted.done and len(listener.heard) == 4, what="four observations")
     assert listener.heard == ["o0", "o3", "o6", "o9"]
     assert wanted.count_publishers("/cell/text") == 0
@@ -399,8 +395,7 @@ def test_the_player_ends_its_process_when_all_is_acknowledged(ros, tmp_path):
     run = subprocess.run([sys.executable, "-c", PLAYER, *arguments], capture_output=True, timeout=120, check=False)
     assert run.returncode == 0, run.stderr
     assert b"30 messages played" in run.stderr
-    last = {"o27", "p28"}
-    ros.wait_for(lambda: last <= set(listener.heard), what="the last messages")
+    ros.wait_for(lambda: {"o27", "p28"} <= set(listener.heard), what="the last messages")
 
 
 @pytest.mark.parametrize(
