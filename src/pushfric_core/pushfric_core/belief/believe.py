@@ -4,8 +4,7 @@ mu_c may be bounded on one side only, so its marginal is taken on a grid instead
 """
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Generator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -65,7 +64,7 @@ def believe(points: npt.ArrayLike, observations: Sequence[Observation]) -> Frict
     supports = check_points(points)
     size = size_of(supports)
     mode = finished(finding(supports, steps_of(observations, size), size))
-    return None if mode is None else drawn(mode, len(observations))
+    return None if mode is None else finished(drawing(mode, len(observations)))
 
 
 def _few(groups: int) -> float:
@@ -77,31 +76,27 @@ def _few(groups: int) -> float:
     return (groups - 1) / freedom * quantile / -math.log(1 - SHARE)
 
 
-class _Profile(NamedTuple):
-    """The best parameters at each of g values of mu_c, by the slopes at a mode."""
+def _profile(problem: Problem, found: Fit, grid: Array) -> Generator[None, None, tuple[Array, Array]]:
+    """The best w at each of g values of mu_c, by the slopes at a mode; pauses after each.
 
-    grid: Array  # (g,) of the last parameter
-    shifts: Array  # (g, n + 1) from the mode
-    likelihood: Array  # (g,) its logarithm, with what was believed of w before
-
-
-def _profile(problem: Problem, found: Fit, grid: Array) -> _Profile:
+    Returns:
+        Shifts (g, n) of the parameters of w, and logarithms (g,) of the likelihood with what was believed of w before.
+    """
     slopes, w = found.slopes[:, :-1], problem.w(found.parameters)
     shifts, likelihood = [], []
     for value in grid.tolist():
         at = np.append(found.parameters[:-1], value)
         off = errors_at(problem, found.roots, at, w)
         _, weights = student(problem, off)
-        shift = -damped(np.sqrt(weights)[:, None] * slopes, slopes.T @ (weights * off) + at[:-1])
-        shifts.append(np.append(shift, value - found.parameters[-1]))
-        likelihood.append(-cost(problem, off + slopes @ shift, np.append(at[:-1] + shift, 0.0)))
-    return _Profile(grid, np.array(shifts), np.array(likelihood))
+        shifts.append(-damped(np.sqrt(weights)[:, None] * slopes, slopes.T @ (weights * off) + at[:-1]))
+        likelihood.append(-cost(problem, off + slopes @ shifts[-1], np.append(at[:-1] + shifts[-1], 0.0)))
+        yield
+    return np.array(shifts), np.array(likelihood)
 
 
-def _chances(profile: _Profile, variance: float) -> Array:
-    """How probable each value of mu_c is, if the likelihood is widened by a variance (g,)."""
-    step, grid = np.gradient(profile.grid), profile.grid
-    likelihood = np.exp(profile.likelihood - profile.likelihood.max())
+def _chances(grid: Array, logs: Array, variance: float) -> Array:
+    """How probable each value of mu_c is, if the likelihood, of these logarithms, is widened by a variance (g,)."""
+    step, likelihood = np.gradient(grid), np.exp(logs - logs.max())
     if variance > 0:
         kernel = np.exp(-((grid[:, None] - grid) ** 2) / (2 * variance)) * step
         likelihood = kernel @ likelihood / kernel.sum(axis=1)
@@ -109,33 +104,33 @@ def _chances(profile: _Profile, variance: float) -> Array:
     return np.asarray(posterior / posterior.sum())
 
 
-def drawn(mode: PosteriorMode, count: int) -> FrictionModel:
-    """The samples about a mode of so many observations, in pairs on either side, so that their mean is the mode's w."""
+def drawing(mode: PosteriorMode, count: int) -> Generator[None, None, FrictionModel]:
+    """The samples about a mode of so many observations, in pairs on either side, so that their mean is the mode's w; pauses."""
     problem, found, changes, points, w = mode.problem, mode.fit, mode.changes, mode.problem.place.points, mode.w
     to_center = ((points - w @ points) * w[:, None]).T @ problem.root  # from the parameters to p_CF
     covariance = _covariance(mode, to_center)
     variance = _few(len(changes)) * float(np.sum(np.minimum(np.abs(changes[:, -1]), 1.0) ** 2))
     mu_c = np.append(np.zeros(len(points)), 1.0)
     deviation = math.sqrt(float(damped(found.rows, mu_c)[-1]) + variance)
-    profile = _profile(problem, found, np.sort(np.concatenate((WIDE, found.parameters[-1] + deviation * NEAR))))
+    grid = np.sort(np.concatenate((WIDE, found.parameters[-1] + deviation * NEAR)))
+    shifts, likelihood = yield from _profile(problem, found, grid)
     rng = np.random.default_rng(SEED)
     noise = _noise(mode, to_center, rng)
     noise += _corrected(noise @ to_center.T, covariance, to_center)
     levels = (rng.permutation(PAIRS) + 0.5) / (2 * PAIRS)
-    chances = _chances(profile, variance)
+    chances = _chances(grid, likelihood, variance)
     places = np.cumsum(chances) - chances / 2
-    values = [np.interp(of_pair, places, profile.grid) for of_pair in (levels, 1 - levels)]
-    low, high = (np.column_stack([np.interp(one, profile.grid, s) for s in profile.shifts[:, :-1].T]) for one in values)
+    values = [np.interp(of_pair, places, grid) for of_pair in (levels, 1 - levels)]
+    low, high = (np.column_stack([np.interp(one, grid, s) for s in shifts.T]) for one in values)
     change = (noise + (low - high) / 2) @ problem.root.T
     change -= (change @ w)[:, None]
     change /= np.maximum(np.abs(change).max(axis=1, keepdims=True), 1.0)  # no weight below zero
     samples = np.concatenate((w * (1 + change), w * (1 - change)))
     samples /= samples.sum(axis=1, keepdims=True)
-    is_open = profile.likelihood[-1] > profile.likelihood.max() - OPEN
+    is_open = likelihood[-1] > likelihood.max() - OPEN
     kind = Kind.FORCE if problem.data.slid.any() else Kind.BOUND if is_open else Kind.SLIP
-    logs = math.log(MU_C) + MU_C_SPREAD * np.concatenate(values)
     share = np.full(2 * PAIRS, 1 / (2 * PAIRS))
-    mu_cs = np.exp(logs)
+    mu_cs = np.exp(math.log(MU_C) + MU_C_SPREAD * np.concatenate(values))
     misfits = _misfits(mode, float(share @ mu_cs))
     return FrictionModel(points, samples, mu_cs, share, *misfits, covariance, kind, count)
 

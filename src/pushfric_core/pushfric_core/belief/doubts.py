@@ -6,6 +6,7 @@ same object may seem to shift, too, by the misfit that pushes have in common.
 """
 
 import math
+from collections.abc import Generator, Sequence
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -52,14 +53,17 @@ class Change(NamedTuple):
     shift: tuple[float, float]  # of p_CF [m]
 
 
-def bad_pushes(mode: PosteriorMode) -> tuple[Rejected, ...]:
-    """The pushes that the others contradict; none if they are too few to tell, or too many to be exceptions."""
+def bad_pushes(mode: PosteriorMode) -> Generator[None, None, Sequence[Rejected]]:
+    """The pushes that the others contradict; none if they are too few to tell, or too many to be exceptions; pauses."""
     pushes = np.unique(mode.problem.data.push).tolist()
     if len(pushes) < FEWEST_COMPARED:
         return ()
-    fit = informative(mode.fit)
-    bad = [one for one in (_contradicted(mode.problem, fit, push) for push in pushes) if one is not None]
-    return tuple(bad) if len(bad) <= MANY_BAD * len(pushes) else ()
+    fit, bad = informative(mode.fit), list[Rejected]()
+    for push in pushes:
+        if (one := _contradicted(mode.problem, fit, push)) is not None:
+            bad.append(one)
+        yield
+    return bad if len(bad) <= MANY_BAD * len(pushes) else ()
 
 
 def _contradicted(problem: Problem, fit: Fit, push: int) -> Rejected | None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Generator, Sequence
 from typing import NamedTuple
 
-from pushfric_core.belief.believe import drawn
+from pushfric_core.belief.believe import drawing
 from pushfric_core.belief.constants import CLEAR, FEWEST_COMPARED
 from pushfric_core.belief.doubts import Change, Rejected, bad_pushes, changed
 from pushfric_core.belief.mistakes import Mistake, explaining
@@ -59,6 +59,7 @@ def judging(
     inward = normals_inward(points, observations)
     size, doubts = size_of(points), Doubts()
     steps = steps_of(observations, size)
+    yield
     mode = yield from finding(points, steps, size)
     if inward is None and len({one.push_id for one in observations}) >= FEWEST_COMPARED and len(points) > 2:
         mistakes, misfit = yield from explaining(points, steps, size)
@@ -69,9 +70,9 @@ def judging(
         yield
         # to leave pushes out is no remedy for wrong units or signs, nor for another object
         sound = kept is not None and all(math.isfinite(one.size) for one in mistakes)
-        bad = [one for one in bad_pushes(mode) if one.push_id not in (kept or ())] if sound and mode is not None else []
-        rejected = [one for one in bad if change is None or one.push_id < change.since_push]
-        doubts = Doubts(tuple(rejected), change, mistakes, misfit)
+        bad = (yield from bad_pushes(mode)) if sound and mode is not None else ()
+        bad = [one for one in bad if change is None or one.push_id < change.since_push]
+        doubts = Doubts(tuple(one for one in bad if one.push_id not in (kept or ())), change, mistakes, misfit)
         yield
     fast = too_fast(points, observations, only_timed=doubts.misfit is None or doubts.misfit < CLEAR)
     # against a wrong motion, forces would seem turned
@@ -82,4 +83,4 @@ def judging(
         out = {one.push_id for one in doubts.rejected}
         observations = [one for one in observations if one.push_id not in out]
         mode = yield from finding(points, steps_of(observations, size), size)
-    return Judgement(None if mode is None else drawn(mode, len(observations)), doubts)
+    return Judgement(None if mode is None else (yield from drawing(mode, len(observations))), doubts)

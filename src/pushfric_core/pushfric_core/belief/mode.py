@@ -62,20 +62,21 @@ def finding(points: Array, steps: Steps, size: float) -> Generator[None, None, P
         return None
     area, feet = (problem_of(points, data, white) for white in WHITES)
     few = problem_of(points, stretches(thinned(steps, FIRST_STRETCHES), size) or data, WHITES[0])
-    best: Fit | None = None
+    yield
+    begun: list[Fit] = []
     for start in STARTS:
-        begun = yield from fitting(few, np.append(np.zeros(len(points)), start), FIRST_STEPS)
-        best = begun if best is None or begun.evidence > best.evidence else best
-    assert best is not None
-    of_area = yield from fitting(area, best.parameters)
+        begun += [(yield from fitting(few, np.append(np.zeros(len(points)), start), FIRST_STEPS))]
+    of_area = yield from fitting(area, max(begun, key=lambda one: one.evidence).parameters)
     if data.sticks.any():
         data = with_bounds(area.place, data, area.w(of_area.parameters))
         area, feet = area._replace(data=data), feet._replace(data=data)
         of_area = yield from fitting(area, of_area.parameters)
     alike = np.append(solved(feet.root, area.root @ of_area.parameters[:-1]), of_area.parameters[-1])
     of_feet = yield from fitting(feet, alike)
-    modes = [PosteriorMode(problem, fit, size, *_left_out(problem, fit)) for problem, fit in ((area, of_area), (feet, of_feet))]
-    yield
+    modes = []
+    for problem, fit in ((area, of_area), (feet, of_feet)):
+        modes.append(PosteriorMode(problem, fit, size, *_left_out(problem, fit)))
+        yield
     return min(modes, key=lambda one: one.cost)
 
 

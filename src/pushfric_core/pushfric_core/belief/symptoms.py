@@ -78,8 +78,9 @@ def too_fast(points: Array, observations: Sequence[Observation], only_timed: boo
         observations: m.
         only_timed: velocities without a duration may be in any unit of time.
     """
-    fastest, middle = math.sqrt(INERTIA * FRICTION * GRAVITY * rms_arm(points)), points.mean(axis=0)
-    fast = [one for one in observations if math.hypot(*velocity_at(one.twist, middle)) > fastest]
+    fastest = math.sqrt(INERTIA * FRICTION * GRAVITY * rms_arm(points))
+    speeds = np.hypot(*at_contacts(points.mean(axis=0), np.array([one.twist for one in observations])).T)
+    fast = [one for one, speed in zip(observations, speeds.tolist(), strict=True) if speed > fastest]
     count = sum(one.duration is not None for one in fast) if only_timed else len(fast)
     if count <= MAJORITY * len(observations):
         return None
@@ -94,8 +95,7 @@ def forces_off(points: Array, observations: Sequence[Observation]) -> Reason | N
     """Whether measured forces have other directions than the motion allows."""
     middle, turns = points.mean(axis=0), []
     for one in observations:
-        motion = complex(*velocity_at(one.twist, middle))
-        if one.force is not None and any(one.force) and motion != 0:
+        if one.force is not None and any(one.force) and (motion := complex(*velocity_at(one.twist, middle))) != 0:
             turned = complex(*one.force) / motion
             turns.append(turned / abs(turned))
     if len(turns) < FEWEST_FORCES:
