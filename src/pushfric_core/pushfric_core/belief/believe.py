@@ -38,6 +38,9 @@ WIDE = np.linspace(-3.0, 3.0, 13)
 NEAR = np.linspace(-4.0, 4.0, 9)
 """... and more about the mode, in its own."""
 
+ROUNDS = 4
+"""Rounds in which samples get the scatter of p_CF that is wanted, and lose weights below zero."""
+
 SEED = 7
 """Seed of the samples: the same pushes always give the same."""
 
@@ -107,7 +110,8 @@ def _chances(grid: Array, logs: Array, variance: float) -> Array:
 def drawing(mode: PosteriorMode, count: int) -> Generator[None, None, FrictionModel]:
     """The samples about a mode of so many observations, in pairs on either side, so that their mean is the mode's w; pauses."""
     problem, found, changes, points, w = mode.problem, mode.fit, mode.changes, mode.problem.place.points, mode.w
-    to_center = ((points - w @ points) * w[:, None]).T @ problem.root  # from the parameters to p_CF
+    arms, tilt = points - w @ points, mode.tilt
+    to_center = (arms * w[:, None]).T @ problem.root  # from the parameters to p_CF
     covariance = _covariance(mode, to_center)
     variance = _few(len(changes)) * float(np.sum(np.minimum(np.abs(changes[:, -1]), 1.0) ** 2))
     mu_c = np.append(np.zeros(len(points)), 1.0)
@@ -116,7 +120,6 @@ def drawing(mode: PosteriorMode, count: int) -> Generator[None, None, FrictionMo
     shifts, likelihood = yield from _profile(problem, found, grid)
     rng = np.random.default_rng(SEED)
     noise = _noise(mode, to_center, rng)
-    noise += _corrected(noise @ to_center.T, covariance, to_center)
     levels = (rng.permutation(PAIRS) + 0.5) / (2 * PAIRS)
     chances = _chances(grid, likelihood, variance)
     places = np.cumsum(chances) - chances / 2
@@ -124,15 +127,18 @@ def drawing(mode: PosteriorMode, count: int) -> Generator[None, None, FrictionMo
     low, high = (np.column_stack([np.interp(one, grid, s) for s in shifts.T]) for one in values)
     change = (noise + (low - high) / 2) @ problem.root.T
     change -= (change @ w)[:, None]
-    change /= np.maximum(np.abs(change).max(axis=1, keepdims=True), 1.0)  # no weight below zero
+    for _ in range(ROUNDS):
+        places = (w * change) @ arms
+        have = places.T @ places / PAIRS + 1e-9 * covariance
+        change += (places @ solved(root_of(have).T, root_of(covariance).T) - places) @ tilt.T
+        change /= np.maximum(np.abs(change).max(axis=1, keepdims=True), 1.0)  # no weight below zero
     samples = np.concatenate((w * (1 + change), w * (1 - change)))
     samples /= samples.sum(axis=1, keepdims=True)
     is_open = likelihood[-1] > likelihood.max() - OPEN
     kind = Kind.FORCE if problem.data.slid.any() else Kind.BOUND if is_open else Kind.SLIP
-    share = np.full(2 * PAIRS, 1 / (2 * PAIRS))
     mu_cs = np.exp(math.log(MU_C) + MU_C_SPREAD * np.concatenate(values))
-    misfits = _misfits(mode, float(share @ mu_cs))
-    return FrictionModel(points, samples, mu_cs, share, *misfits, covariance, kind, count)
+    misfits = _misfits(mode, float(np.median(mu_cs)))
+    return FrictionModel(points, samples, mu_cs, np.full(2 * PAIRS, 1 / (2 * PAIRS)), *misfits, covariance, kind, count)
 
 
 def _covariance(mode: PosteriorMode, to_center: Array) -> Array:
@@ -142,7 +148,10 @@ def _covariance(mode: PosteriorMode, to_center: Array) -> Array:
     after = to_center @ damped(mode.fit.rows[:, :-1], to_center.T) + _few(len(mode.changes)) * sectors @ sectors.T
     before = ((points - points.mean(axis=0)) / len(points)).T @ mode.problem.root
     common = common_misfit(mode.problem, mode.fit, mode.size) ** 2
-    return _together(after + common * np.eye(2), before @ before.T + floor * np.eye(2))
+    # the covariance of an error that is known in two ways
+    known = (np.linalg.inv(one) for one in (after + common * np.eye(2), before @ before.T + floor * np.eye(2)))
+    both = np.linalg.inv(sum(known))
+    return np.asarray(both + both.T) / 2
 
 
 def _noise(mode: PosteriorMode, to_center: Array, rng: np.random.Generator) -> Array:
@@ -154,20 +163,6 @@ def _noise(mode: PosteriorMode, to_center: Array, rng: np.random.Generator) -> A
     # what neither the pushes nor p_CF show stays as it is
     shown = np.concatenate((rows, to_center / (FLOOR * mode.size)))
     return damped(np.concatenate((rows, shown)), shown.T @ (shown @ noise.T)).T
-
-
-def _together(one: Array, other: Array) -> Array:
-    """The covariance (2, 2) of an error that is known in two ways."""
-    both = np.linalg.inv(np.linalg.inv(one) + np.linalg.inv(other))
-    return np.asarray(both + both.T) / 2
-
-
-def _corrected(places: Array, wanted: Array, to_center: Array) -> Array:
-    """Corrections of samples of the parameters, so that their p_CF (s, 2) scatter as is wanted (2, 2)."""
-    have = places.T @ places / len(places) + 1e-9 * wanted
-    change = places @ solved(root_of(have).T, root_of(wanted).T) - places
-    square = to_center @ to_center.T
-    return np.asarray(change @ solved(square + 1e-9 * np.trace(square) * np.eye(2) + 1e-30 * np.eye(2), to_center))
 
 
 def _misfits(mode: PosteriorMode, mu_c: float) -> tuple[float, float, float]:

@@ -88,7 +88,7 @@ MANY_BAD = 0.34
 CHANGED, SHIFT = 0.01, 0.05
 """Probability, before any push, that the object changed before one of the last pushes, and standard deviation of the shift of
 p_CF along each axis then, as a share of the support's size. Chosen on simulated runs, with the sets of docs/public_data.md in
-view: with .02 and .1, shifts of 4 mm were found in 50 of 100 runs, not 64, and more of these sets seemed to change."""
+view: with .02 and .1, shifts of 4 mm were found in 50 of 100 runs, not 63, and more of these sets seemed to change."""
 
 LATEST, FEWEST_AFTER, FEWEST_BEFORE = 6, 3, 10
 """A change is looked for before the last LATEST to FEWEST_AFTER pushes, if FEWEST_BEFORE say what the object was. With 2 and 5,

@@ -107,7 +107,7 @@ def changed(mode: PosteriorMode) -> tuple[Change, float] | None:
     lasts = range(max(len(pushes) - LATEST, FEWEST_BEFORE), len(pushes) - FEWEST_AFTER + 1)
     if not lasts:
         return None
-    by_shift = mode.fit.slopes[:, :-1] @ solved(mode.problem.root, _tilt(mode))
+    by_shift = mode.fit.slopes[:, :-1] @ solved(mode.problem.root, mode.tilt)
     found = []
     for first in lasts:
         after = data.push >= pushes[first]
@@ -119,13 +119,6 @@ def changed(mode: PosteriorMode) -> tuple[Change, float] | None:
         return None
     _, since, (x, y) = max(found, key=lambda one: one[0])
     return Change(since, (float(x), float(y))), odds
-
-
-def _tilt(mode: PosteriorMode) -> Array:
-    """The change (n, 2) of the log pressure by a shift of p_CF [1/m]: that of a load that tips, on what bears it."""
-    arms = mode.problem.place.points - mode.w @ mode.problem.place.points
-    spread = (mode.w[:, None] * arms).T @ arms
-    return np.asarray(arms @ np.linalg.pinv(spread, 1e-9, hermitian=True))
 
 
 def informative(fit: Fit) -> Fit:

@@ -96,9 +96,8 @@ def problem_of(points: Array, data: Stretches, white: float) -> Problem:
     root = root_of(modes @ modes.T + white**2 * np.eye(len(points)))
     length = float(np.median(data.lengths))
     share = (1 + (data.lengths / length) ** 2) / 2
-    stuck = np.zeros(len(data.lengths), dtype=bool)
-    stuck[data.stretch[data.sticks]] = True
-    return Problem(Place(points, points.mean(axis=0), rms_arm(points) or 1.0), data, root, share, np.where(stuck, 1, 3), length)
+    place = Place(points, points.mean(axis=0), rms_arm(points) or 1.0)
+    return Problem(place, data, root, share, np.where(data.stuck, 1, 3), length)
 
 
 def cosines(points: Array) -> Array:

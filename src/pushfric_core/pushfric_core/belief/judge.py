@@ -61,7 +61,7 @@ def judging(
     steps = steps_of(observations, size)
     yield
     mode = yield from finding(points, steps, size)
-    if inward is None and len({one.push_id for one in observations}) >= FEWEST_COMPARED and len(points) > 2:
+    if inward is None and len({*steps.push.tolist()}) >= FEWEST_COMPARED and len(points) > 2:
         mistakes, misfit = yield from explaining(points, steps, size)
         found = None if mode is None else changed(mode)
         change = None

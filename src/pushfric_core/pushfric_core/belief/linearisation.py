@@ -71,18 +71,21 @@ def with_bounds(place: Place, data: Stretches, w: Array) -> Stretches:
 
 
 def anywhere(place: Place, data: Stretches, w: Array, mu_c: float, errors_seen: Array) -> Array:
-    """Covariances (k, 3, 3) of the errors (k, 3) [m^2], because contacts lie anywhere within their half-widths."""
-    if not data.half_widths.any():
-        return np.zeros((len(errors_seen), 3, 3))
-    aside = data.contacts + data.half_widths[:, None] * left_of(data.normals)
-    ways = np.where(data.sticks[:, None], at_contacts(aside, data.motions), data.ways)
-    moved = data._replace(contacts=aside, ways=ways)
-    off = errors(place, moved, predicted(place, moved, w, mu_c)) - errors_seen
-    # where the tip is not known, only turns about the contact are foretold
-    turns = _moved(place, data, np.column_stack((-left_of(data.contacts), np.ones(len(data.contacts)))))
-    stuck = np.add.reduceat(data.sticks, data.begins)[:, None] > 0
-    off = np.where(stuck, off[:, 2:] * turns / turns[:, 2:], off)
-    return off[:, :, None] * off[:, None, :] / 3
+    """Covariances (k, 3, 3) of the errors (k, 3) [m^2], because contacts lie anywhere within their half-widths.
+
+    Their mean over an interval is taken by Gauss's rule of three points, at the middle of which nothing is off.
+    """
+    covariances = np.zeros((len(errors_seen), 3, 3))
+    for side in (-1, 1) if data.half_widths.any() else ():
+        aside = data.contacts + side * math.sqrt(3 / 5) * data.half_widths[:, None] * left_of(data.normals)
+        ways = np.where(data.sticks[:, None], at_contacts(aside, data.motions), data.ways)
+        moved = data._replace(contacts=aside, ways=ways)
+        off = errors(place, moved, predicted(place, moved, w, mu_c)) - errors_seen
+        # where the tip is not known, only turns about the contact are foretold
+        turns = _moved(place, data, np.column_stack((-left_of(data.contacts), np.ones(len(data.contacts)))))
+        off = np.where(data.stuck[:, None], off[:, 2:] * turns / turns[:, 2:], off)
+        covariances += 5 / 18 * off[:, :, None] * off[:, None, :]
+    return covariances
 
 
 def motion_sizes(place: Place, data: Stretches) -> Array:

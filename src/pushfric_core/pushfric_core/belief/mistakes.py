@@ -116,10 +116,12 @@ def explaining(points: Array, steps: Steps, size: float) -> Generator[None, None
         size: of the support [m].
     """
     steps = thinned(steps, MOST_COMPARED)
-    run = _Run(points[np.unique(np.linspace(0, len(points) - 1, MOST_COMPARED).round().astype(int))], steps, size)
+    # at random, as points of a grid that are taken evenly may lie on a line
+    run = _Run(points[np.sort(np.random.default_rng(0).permutation(len(points))[:MOST_COMPARED])], steps, size)
     right = yield from run.judged(steps)
+    misfit = math.pi if right.problem is None or right.fit is None else float(np.median(misfits(right.problem, right.fit)))
     found = []
-    if steps.sticks.any() or right.misfit > CLEAR or not run.known(steps).all():
+    if steps.sticks.any() or misfit > CLEAR or not run.known(steps).all():
         for reason, wrong in run.mistaken():
             judged = yield from wrong
             found.append(Mistake(reason, judged.evidence - right.evidence + math.log(MISTAKE)))
@@ -131,7 +133,7 @@ def explaining(points: Array, steps: Steps, size: float) -> Generator[None, None
     for mistake in sorted(found, key=lambda one: -one.odds):
         if mistake.odds > 0:
             first.setdefault(mistake.reason.code, mistake)
-    return Explained(tuple(first.values()), right.misfit)
+    return Explained(tuple(first.values()), misfit)
 
 
 class _Judged(NamedTuple):
@@ -140,12 +142,6 @@ class _Judged(NamedTuple):
     evidence: float
     problem: Problem | None = None
     fit: Fit | None = None
-
-    @property
-    def misfit(self) -> float:
-        if self.problem is None or self.fit is None:
-            return math.pi
-        return float(np.median(misfits(self.problem, self.fit)))
 
 
 class _Run(NamedTuple):
@@ -199,10 +195,7 @@ class _Run(NamedTuple):
             "vx and vy are the velocity of the contact, or of another point that moves over the object: give that of the "
             "object-frame origin"
         )
-        yield (
-            Reason("twist_of_contact", text),
-            self.judged(steps.moved(_of_point(steps.motions, -steps.contacts))),
-        )
+        yield Reason("twist_of_contact", text), self.judged(steps.moved(_of_point(steps.motions, -steps.contacts)))
         if (wider := _wider(self.points, steps.contacts)) is not None:
             text = (
                 "the support points leave a part of the object out, on which it seems to rest: check their unit, or give some "
@@ -233,10 +226,10 @@ class _Run(NamedTuple):
             gain, d = displaced(problem, informative(at_none), by_shift, self.size, REACH_OFF)
             if np.abs(d).max() > 2 * REACH_OFF:  # anything explains the motions, or nothing does
                 return Mistake(reason, -math.inf)
-            reason = off.reason(d)
-            if gain + math.log(GEOMETRY) < HOPELESS:
+            gain, reason = gain + math.log(GEOMETRY), off.reason(d)
+            if gain < HOPELESS:
                 break
-        return Mistake(reason, gain + math.log(GEOMETRY), math.hypot(*d))
+        return Mistake(reason, gain, math.hypot(*d))
 
 
 class _Off(NamedTuple):

@@ -39,6 +39,13 @@ class PosteriorMode(NamedTuple):
         """Support friction distribution (n,)."""
         return self.problem.w(self.fit.parameters)
 
+    @property
+    def tilt(self) -> Array:
+        """The change (n, 2) of the log pressure by a shift of p_CF [1/m]: that of a load that tips, on what bears it."""
+        arms = self.problem.place.points - self.w @ self.problem.place.points
+        spread = (self.w[:, None] * arms).T @ arms
+        return np.asarray(arms @ np.linalg.pinv(spread, 1e-9, hermitian=True))
+
 
 def common_misfit(problem: Problem, fit: Fit, size: float) -> float:
     """Standard deviation of p_CF, along each axis, from a misfit that pushes have in common [m].
@@ -88,7 +95,10 @@ def _left_out(problem: Problem, found: Fit) -> tuple[Array, float]:
         return np.zeros((0, len(found.parameters))), -found.evidence
     arms = data.contacts[data.begins] - problem.place.middle
     first = np.unique(of_stretch, return_index=True)[1]
-    order = np.argsort(np.arctan2(arms[first, 1], arms[first, 0]), kind="stable")
+    bearings = np.arctan2(arms[first, 1], arms[first, 0])
+    order = np.argsort(bearings, kind="stable")
+    gaps = np.diff(bearings[order], append=bearings[order[0]] + 2 * math.pi)
+    order = np.roll(order, -1 - int(np.argmax(gaps)))  # from the widest gap on, however the object's frame is turned
     groups = np.array_split(order, min(SECTORS, len(pushes)))
     forced = np.isfinite(data.ratios)
     scaled, off = found.rows, np.sqrt(found.weights) * found.off

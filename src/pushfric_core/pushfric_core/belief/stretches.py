@@ -6,7 +6,7 @@ object. What the steps of a stretch predict is summed, so that errors of the pos
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -58,6 +58,11 @@ class Stretches(NamedTuple):
     slid: npt.NDArray[np.bool_]  # (k,) ... while the tip slid, so that it is mu_c; else it is at most mu_c
     unit: float  # by which the lengths of the steps were multiplied; 1 if the unit of time is known
 
+    @property
+    def stuck(self) -> npt.NDArray[np.bool_]:
+        """Whether the tip is known in no step of each stretch (k,): then only the turn about the contact is foretold."""
+        return np.logical_and.reduceat(self.sticks, self.begins)
+
 
 def at_contacts(contacts: Array, motions: Array) -> Array:
     """Velocities (r, 2) of contacts (r, 2) in motions (r, 3) of the object-frame origin."""
@@ -78,8 +83,7 @@ def steps_of(observations: Sequence[Observation], size: float) -> Steps:
         observations: m.
         size: of the support [m].
     """
-    ordered = sorted(observations, key=lambda one: (one.push_id, one.stamp, one.contact_point, one.twist))
-    ordered = [one for one in ordered if one.duration != 0]
+    ordered = sorted((one for one in observations if one.duration != 0), key=_place)
     sticks = np.array([one.tip_velocity is None for one in ordered], dtype=bool)
     times = np.array([1.0 if one.duration is None else one.duration for one in ordered])[:, None]
     contacts, normals, tips, forces = (
@@ -111,6 +115,12 @@ def steps_of(observations: Sequence[Observation], size: float) -> Steps:
         np.array(part, dtype=int),
         any(one.duration is not None for one in ordered),
     )
+
+
+def _place(one: Observation) -> tuple[Any, ...]:
+    """By what observations are ordered."""
+    known = one.tip_velocity or (), one.force or (), one.duration or 0.0
+    return one.push_id, one.stamp, one.contact_point, one.twist, one.contact_normal, one.half_width, *known
 
 
 def thinned(steps: Steps, most: int) -> Steps:
