@@ -213,6 +213,11 @@ USERS = {
 PACKAGE_OF = {module: [package] for package, module in dependencies.MODULES.items()}
 
 
+def test_a_figure_needs_no_camera(tmp_path):
+    ended = pushfric_without(["cv2"], "estimate", "bags/rubber_rect4", "--figure", tmp_path / "figure.png")
+    assert ended.returncode == 0, ended.stderr
+
+
 @pytest.mark.parametrize("module", USERS)
 def test_a_missing_module_is_one_line(module, tmp_path):
     save_camera(Camera.looking_down(640, 480, (0.0, 0.0), 0.001), tmp_path / "out.yaml")

@@ -108,9 +108,10 @@ def test_the_belief_turns_with_the_frame_of_the_object(name, half_width, turn):
     data = [replace(one, half_width=half_width, pose=None) for one in data]
     turned = []
     for one in data:
-        moved_by = (np.array(turn) @ one.twist[:2]).tolist()
-        vectors = {key: tuple(np.array(turn) @ getattr(one, key)) for key in ("contact_point", "contact_normal", "tip_velocity")}
-        turned.append(replace(one, **vectors, twist=Twist(*moved_by, one.twist.omega * np.linalg.det(turn))))
+        turns = (np.array(turn) @ one.twist[:2]).tolist()
+        vectors = {f"contact_{what}": tuple(turn @ np.array(getattr(one, f"contact_{what}"))) for what in ("point", "normal")}
+        vectors |= {"tip_velocity": tuple(turn @ np.array(one.tip_velocity))}
+        turned.append(replace(one, **vectors, twist=Twist(*turns, one.twist.omega * np.linalg.det(turn))))
     belief, other = believe(studied.support_points, data), believe(studied.support_points @ np.transpose(turn), turned)
     assert other.center_of_friction == pytest.approx(turn @ belief.center_of_friction, abs=0.1 * belief.confidence)
     assert other.confidence == pytest.approx(belief.confidence, rel=0.1)
@@ -119,8 +120,9 @@ def test_the_belief_turns_with_the_frame_of_the_object(name, half_width, turn):
 def test_tips_that_are_known_at_half_of_the_steps_tell_more_than_none():
     studied, data = seen("eccentric", "FEET", 1, 0.5)
     some = [replace(one, tip_velocity=one.tip_velocity if k % 2 else None) for k, one in enumerate(data)]
-    confidence = [believe(studied.support_points, of).confidence for of in (data, some, [one for one in some if one.tip_velocity])]
-    assert confidence[1] < min(2 * confidence[0], confidence[2])
+    known = [one for one in some if one.tip_velocity]
+    at_all, at_half, of_half = (believe(studied.support_points, of).confidence for of in (data, some, known))
+    assert at_half < min(2 * at_all, of_half)
 
 
 def test_new_motions_are_off_by_less_than_the_misfit_as_often_as_it_says():

@@ -6,6 +6,7 @@ import functools
 import http.client
 import io
 import json
+import math
 import operator
 import pathlib
 import re
@@ -79,11 +80,13 @@ def test_a_repeated_push_has_the_number_that_the_list_of_pushes_gives_it(monkeyp
         msg = read(bag, message)
         if message.topic == "/cell/plan_progress":
             msg.count = 12
+            msg.placement.position.x = math.nan if msg.completed == 3 else 0.0
         return msg
 
     monkeypatch.setattr(Bag, "deserialize", of_a_shorter_plan)
     text = report(estimate_from(BAG, Choices(), print, whole_course=True), tmp_path / "report.html")
     assert [row[0] for row in told(text)["tables"]["predictions"]["rows"]] == ["11", "12", "1 (again)", "2 (again)"]
+    assert "a message of plan_progress is left out: a pose must be finite" in told(text)["doubts"][-1]
 
 
 def test_without_a_plan_a_push_has_its_id(page, tmp_path):

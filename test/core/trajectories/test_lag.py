@@ -18,8 +18,11 @@ DEPTH = 0.002  # the tip is said to be this much too far ahead, in all pushes [m
 PERIOD = 6.0  # from push to push [s]
 
 
-def watched(offset, noise, rng, config=None, stops=True, turn=0.0, count=8):
-    """Pushes through the middle of an object, whose poses are stamped later by an offset [s] and have an error [m]."""
+def watched(offset, noise, rng, config=None, stops=True, turn=0.0, count=8, taken=9.0):
+    """Pushes through the middle of an object, whose poses are stamped later by an offset [s] and have an error [m].
+
+    So long [s] after the end of each, a hand lays the object where the next one begins.
+    """
     trajectory, samples = Trajectory(OUTLINE, config), []
     for push in range(count + 1):
         start, rest = push * PERIOD, END / SPEED
@@ -31,17 +34,18 @@ def watched(offset, noise, rng, config=None, stops=True, turn=0.0, count=8):
             stamp = round((start + time) * 1e9)
             samples.append((stamp, PusherSample(stamp, tip + DEPTH, SPEED if moving else 0.0, line, push_id)))
         for time in np.arange(rng.uniform(0, 0.07), PERIOD - 0.5, 1 / 14):
-            y = max(CONTACT, min(time * SPEED, END)) + LINE.tip_radius + 0.03
+            y = max(CONTACT, min(time * SPEED, END) if time < END / SPEED + taken else 0.0) + LINE.tip_radius + 0.03
             x, dy = rng.normal(0.0, noise, 2)
             samples.append((start * 1e9 + time * 1e9, PoseSample(round((start + time + offset) * 1e9), Pose(x, y + dy, 0.0))))
     feed(trajectory, [sample for _, sample in sorted(samples, key=lambda one: one[0])])
     return trajectory
 
 
+@pytest.mark.parametrize("taken", [9.0, 0.7])
 @pytest.mark.parametrize("offset", [-0.1, -0.03, 0.0, 0.06, 0.1])
-def test_the_lag_is_that_of_the_stamps(offset):
+def test_the_lag_is_that_of_the_stamps(offset, taken):
     """Although the tip's place has an error."""
-    lag = watched(offset, 1e-6, np.random.default_rng(1)).lag
+    lag = watched(offset, 1e-6, np.random.default_rng(1), taken=taken).lag
     assert lag.mean == pytest.approx(offset, abs=1e-3)
     assert lag.radius < 1e-3
 

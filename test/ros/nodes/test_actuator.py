@@ -354,7 +354,11 @@ def test_a_goal_beyond_the_limits_or_while_another_runs_is_rejected(ros, tmp_pat
     with SimulatedGrbl(clock) as controller:
         cell = Cell(ros, controller.port, max_distance=0.07).ready()
         nan, inf = float("nan"), float("inf")
-        for name, values in {"distance": (0.0701, 0.0, -0.01, nan, inf), "speed": (0.081, 0.0, nan), "push_id": (-2,)}.items():
+        for name, values in {
+            "distance": (0.0701, 0.0, -0.01, nan, inf),
+            "speed": (0.081, 0.0, 5e-324, 9e-6, nan),
+            "push_id": (-2,),
+        }.items():
             for value in values:
                 assert not cell.send(**{name: value}).accepted, (name, value)
         assert "push 7 rejected: distance must be at most max_distance 0.07 m, got 0.0701 m\n" in capfd.readouterr().err

@@ -9,6 +9,7 @@ import pytest
 from composition import made
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, PoseWithCovarianceStamped, Vector3
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
@@ -198,7 +199,8 @@ def test_each_kind_of_message_that_cannot_be_shown_is_in_the_log(cell, capfd):
     log = []
     cell.observations.publish(Observation())  # without a normal
     cell.settings.publish(String(data="nothing of the kind"))
-    for kind in ("Observation not shown", "String not shown"):
+    cell.plan.publish(serialize_message(PlanProgress())[:8])  # of another version
+    for kind in ("Observation not shown", "String not shown", "PlanProgress not shown"):
         cell.ros.wait_for(lambda kind=kind: log.append(capfd.readouterr().err) or kind in "".join(log), PATIENCE, kind)
 
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pushfric_core.bags.bag import Bag
 
 OBSERVATION, ESTIMATE, PLAN = "observation", "friction_estimate", "plan_progress"
+KEYFRAMES = "keyframes/compressed"
 
 TYPES = {
     "object_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",

@@ -10,18 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pushfric_core.belief.constants import FLOOR, MU_C, MU_C_SPREAD, OPEN, PAIRS
-from pushfric_core.belief.fit import (
-    Fit,
-    Problem,
-    cost,
-    damped,
-    errors_at,
-    limit_of,
-    root_of,
-    sizes_off,
-    solved,
-    student,
-)
+from pushfric_core.belief.fit import Fit, Problem, cost, damped, errors_at, limit_of, root_of, sizes_off, solved, student
 from pushfric_core.belief.linearisation import errors_per_way, predicted
 from pushfric_core.belief.mode import PosteriorMode, common_misfit, finding
 from pushfric_core.belief.stretches import size_of, steps_of

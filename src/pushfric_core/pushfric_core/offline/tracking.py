@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from pushfric_core.bags.bag import Bag
+from pushfric_core.bags.run_record import KEYFRAMES
 from pushfric_core.bags.samples import pose_sample_from_msg, stamp_from_msg
 from pushfric_core.errors import InvalidInput
 from pushfric_core.geometry.planar import Pose, wrap
 from pushfric_core.vision.image_messages import TYPES, image_from_msg
-from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.vision.sighting import NotSeen, Tracker
 
 POSE = "object_pose"

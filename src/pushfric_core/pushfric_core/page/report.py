@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import pushfric_core
-from pushfric_core.bags.run_record import PLAN, TYPES
+from pushfric_core.bags.run_record import KEYFRAMES, PLAN, TYPES
 from pushfric_core.bags.samples import stamp_from_msg
 from pushfric_core.errors import PushfricError
 from pushfric_core.estimation.estimate import friction_model
@@ -35,8 +35,8 @@ from pushfric_core.mechanics.prediction import FrictionModel, foretold
 from pushfric_core.offline.estimation import Estimation
 from pushfric_core.page.figure import run_figure, with_belief
 from pushfric_core.page.story import RUN_PAGE, Broadcast, Change, Story, as_object, with_histogram
+from pushfric_core.trajectories.ledger import DoubtCode
 from pushfric_core.trajectories.observation import Observation
-from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.wording import counted
 
 TESTED = 0.25
@@ -98,7 +98,10 @@ def told_again(
         elif name == FAULT:
             yield story.on_fault(msg.data), b""
         elif msg is not None:
-            yield story.on_plan(msg), b""
+            try:
+                yield story.on_plan(msg), b""
+            except ValueError as error:
+                estimation.ledger.doubt(DoubtCode.NOT_UNDERSTOOD, f"a message of {name} is left out: {error}")
     yield story.on_settings(estimation.settings.to_text()), b""
     svg = io.StringIO()
     (figure_of(estimation) if figure is None else figure).savefig(svg, format="svg")

@@ -169,8 +169,8 @@ FEWEST_FRAMES, FEWEST_PUSHES = 3, 5
 STEADY = 0.1
 """A tip is steady if its speeds before and after a frame differ by at most this fraction."""
 
-MOVED = 0.001
-"""The object is pushed once it has moved by this much [m]."""
+MOVED, TAKEN = 0.001, 0.005
+"""The object is pushed once it has moved by this much [m], and was taken away once it has left its place by this much."""
 
 STRAY = 5.0
 """Pushes farther from the median lag than this multiple of the median distance do not count: a hand moved the object."""
@@ -249,7 +249,8 @@ class Lags:
         """The lag in a push, and its weight; None if it does not show it."""
         line, start = push.states[0].line, push.states[0].stamp
         last = next(one for one in push.states if one.stamp == push.end)
-        stops = abs(last.speed) <= RESTS < max(one.speed for one in push.states)  # else nobody knows how far the tip went
+        fastest = max(one.speed for one in push.states)
+        stops = abs(last.speed) <= RESTS < fastest  # else nobody knows how far the tip went
         if len(push.frames) < FEWEST_FRAMES or not stops or any(one.line != line for one in push.states):
             return None
         times = np.array([one.stamp - start for one in push.states]) * 1e-9
@@ -262,8 +263,12 @@ class Lags:
         touches = [line.touch(self._outline, one.pose) for one in frames]
         met = np.array([math.nan if one is None or one.edge is None else one.distance for one in touches])
         before, now, after = (np.interp(at + shift, times, farthest) for shift in (-GUARD, 0.0, GUARD))
-        resting = (at >= stop + GUARD) & np.isfinite(met)
-        if resting.sum() < FEWEST_FRAMES:
+        resting = np.flatnonzero((at >= stop + GUARD) & np.isfinite(met))
+        # until a hand takes it away; if poses are late, it seems to go on for a while, but not back, nor faster than the tip
+        places, possible = met[resting], fastest * np.diff(at[resting], prepend=at[resting[:1]]) + TAKEN
+        taken = (np.maximum.accumulate(places) - places > TAKEN) | (np.diff(places, prepend=places[:1]) > possible)
+        resting = resting[~np.logical_or.accumulate(taken)]
+        if len(resting) < FEWEST_FRAMES:
             return None
         error = farthest[-1] - met[resting].mean()
         speeds = (after - before) / (2 * GUARD)
@@ -272,7 +277,7 @@ class Lags:
         if pushed.sum() < FEWEST_FRAMES:
             return None
         lag = np.mean((now - met - error)[pushed] / speeds[pushed])
-        weight = np.mean(speeds[pushed]) ** 2 / (1 / pushed.sum() + 1 / resting.sum())
+        weight = np.mean(speeds[pushed]) ** 2 / (1 / pushed.sum() + 1 / len(resting))
         return (float(lag), float(weight)) if math.isfinite(lag) else None
 
 

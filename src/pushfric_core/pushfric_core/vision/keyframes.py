@@ -5,9 +5,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from pushfric_core.vision.camera import Image
 
-KEYFRAMES = "keyframes/compressed"
-"""The topic of the images that a bag holds."""
-
 MOST_HELD = 16
 """Images of a push that are held until its middle is known."""
 

@@ -5,6 +5,7 @@ import pathlib
 from collections.abc import Mapping, Sequence
 
 from pushfric_core.bags.recorded import Recorded
+from pushfric_core.bags.run_record import KEYFRAMES
 from pushfric_core.cell.cell_file import load_cell
 from pushfric_core.cell.node_settings import PlannerConfig, ViewConfig
 from pushfric_core.commands.application import AUTO_VIEW
@@ -12,7 +13,6 @@ from pushfric_core.commands.cell_options import view_at
 from pushfric_core.commands.console import warn
 from pushfric_core.errors import InvalidInput, PushfricError
 from pushfric_core.offline.inputs import object_of
-from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_ros.commands.demo import SPEED, demo_cell
 from pushfric_ros.commands.recorded_run import failures, result_of, write_result
 from pushfric_ros.graph import graph

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from pushfric_core.bags.recorded import Recorded
+from pushfric_core.bags.run_record import KEYFRAMES
 from pushfric_core.cell.node_settings import PlannerConfig, PlayerConfig, ViewConfig
 from pushfric_core.commands.application import Application
 from pushfric_core.commands.cell_options import HeadlessFlag, PlannerFlag, ViewOption, view_to_serve
@@ -14,7 +15,6 @@ from pushfric_core.commands.options import CellOption, JsonOption, ObjectOption,
 from pushfric_core.commands.result import print_result
 from pushfric_core.commands.settings_options import option
 from pushfric_core.offline.inputs import object_of
-from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate
 from pushfric_ros.commands.watch import watch
 from pushfric_ros.graph import graph

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from pushfric_core.bags.run_record import KEYFRAMES
 from pushfric_core.cell.cell_file import CellFile
 from pushfric_core.cell.node_settings import NAMESPACE, REPORT_FILE, CameraConfig, Images, KnownTopic, PlannerConfig, ViewConfig
 from pushfric_core.errors import InvalidInput, blaming
@@ -17,7 +18,6 @@ from pushfric_core.plugins import SIMULATIONS, installed
 from pushfric_core.pushers.serial_config import GrblConfig
 from pushfric_core.settings import merged, plain
 from pushfric_core.vision.camera import Camera, save_camera
-from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_core.vision.tracker_settings import ContourConfig
 from pushfric_ros.node_kit import network
 

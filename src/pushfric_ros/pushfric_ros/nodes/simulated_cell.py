@@ -55,6 +55,9 @@ So the reports of a stroke lie close together on a busy machine, too; elsewhere,
 LAG = 0.15
 """With a real controller, a frame shows the world as it was this long ago [s]: two reports enclose the tip's place then."""
 
+ASKEW = 0.6
+"""A simulated person turns the object from its place by at most so much [rad], never end for end."""
+
 REPORTS = 100
 """Number of the pusher's reports that are kept."""
 
@@ -206,7 +209,8 @@ class SimulatedCellNode(Node):
         while math.hypot(x, y) < off:  # never right by chance
             x, y, turn = self._rng.normal(0.0, off, 3).clip(-2 * off, 2 * off)
         self._present = False
-        self._placing = (self._elapsed + self._config.away, Pose(wanted.x + x, wanted.y + y, wanted.theta + turn / 0.02))
+        turn = min(max(turn / 0.02, -ASKEW), ASKEW)
+        self._placing = (self._elapsed + self._config.away, Pose(wanted.x + x, wanted.y + y, wanted.theta + turn))
 
     def _on_hand(self, msg: PoseStamped) -> None:
         """Have the object where a person lays it in the view."""

@@ -10,6 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.client import Client
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
@@ -19,6 +20,7 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Empty, String
 from std_srvs.srv import Trigger
 
+from pushfric_core.bags.run_record import KEYFRAMES
 from pushfric_core.bags.samples import observation_from_msg, pose_sample_from_msg, stamp_from_msg
 from pushfric_core.cell.node_settings import SWITCHES, ObjectConfig, ShownConfig, ViewConfig
 from pushfric_core.errors import PushfricError
@@ -28,7 +30,6 @@ from pushfric_core.geometry.planar import Pose
 from pushfric_core.page.run_server import PUSH_SERVICES, SERVICES, Server
 from pushfric_core.page.server import Request
 from pushfric_core.page.story import Change, Story
-from pushfric_core.vision.keyframes import KEYFRAMES
 from pushfric_msgs.msg import FrictionEstimate, Observation, PlanProgress, PusherState
 from pushfric_msgs.srv import SelectPush
 from pushfric_ros.messages.conversions import MODE_NAMES, pose_to_msg, report_from_msg
@@ -116,18 +117,20 @@ class ViewNode(Node):
 
     def _tell(self, told: Callable[[Any], Change], msg: Any) -> None:
         """Tell the visitors what a message changes."""
+        self._attempt(type(msg), lambda: self._server.show(told(msg)))
+
+    def _attempt(self, kind: type, do: Callable[[], None]) -> None:
+        """Do something with a message of this type, which may make no sense, or be of another version."""
         try:
-            change = told(msg)
-        except (ValueError, PushfricError) as error:
-            if type(msg) not in self._unshown:  # the logger's own `once` would be for messages of all types together
-                self._unshown.add(type(msg))
-                self.get_logger().error(f"{type(msg).__name__} not shown: {error}")
-        else:
-            self._server.show(change)
+            do()
+        except (ValueError, PushfricError, rclpy_implementation.RMWError) as error:
+            if kind not in self._unshown:  # the logger's own `once` would be for messages of all types together
+                self._unshown.add(kind)
+                self.get_logger().error(f"{kind.__name__} not shown: {error}")
 
     def _receive(self, kind: type, act: Callable[[Any], None], data: bytes) -> None:
         """Take the bytes of a message: in their order, at once if somebody looks, else later."""
-        self._unread.append(lambda: act(deserialize_message(data, kind)))
+        self._unread.append(lambda: self._attempt(kind, lambda: act(deserialize_message(data, kind))))
         if self._looking:
             self._read()
 

@@ -20,6 +20,7 @@ from pushfric_ros.node_kit.diagnostics import Diagnostics
 from pushfric_ros.node_kit.qos import LATCHED, RELIABLE
 
 ROUNDING = 1e-5  # tolerance of positions [m]
+SLOWEST_PUSH = 1e-5  # controllers write a lower speed as none [m/s]
 UNEVEN = 0.05  # a speed that varies by more than this is worth a note; a share of the mean
 
 
@@ -74,8 +75,8 @@ def impossible(push: Push.Goal, config: PusherConfig, limits: Limits, position: 
         return f"distance must be at most max_distance {config.max_distance} m, got {push.distance} m"
     if push.distance < 0 and push.retract:
         return f"retract must be false for a way back, got {push.retract}"
-    if not 0 < push.speed <= config.max_speed:
-        return f"speed must be positive and at most max_speed {config.max_speed} m/s, got {push.speed} m/s"
+    if not SLOWEST_PUSH <= push.speed <= config.max_speed:
+        return f"speed must be at least {SLOWEST_PUSH:g} m/s and at most max_speed {config.max_speed} m/s, got {push.speed} m/s"
     end, reach = position + push.distance, min(config.stroke, limits.travel)
     if end > reach + ROUNDING:
         return f"it would end at {end:.4f} m, beyond the stroke of {reach} m"

@@ -8,11 +8,12 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
 
+from pushfric_core.bags.run_record import KEYFRAMES
 from pushfric_core.cell.node_settings import Images, ImagesConfig
 from pushfric_core.geometry.outline import Outline
 from pushfric_core.geometry.planar import CAMERA, Array, Pose, transform
 from pushfric_core.vision.camera import Camera, Image
-from pushfric_core.vision.keyframes import KEYFRAMES, Keyframes, RunState
+from pushfric_core.vision.keyframes import Keyframes, RunState
 from pushfric_msgs.msg import PusherState
 from pushfric_ros.messages.conversions import stamp_to_msg
 from pushfric_ros.node_kit.diagnostics import Diagnostics
