@@ -94,6 +94,7 @@ def test_an_object_survives_its_file(write, tmp_path):
         (TRIANGLE + "support: {spacing: 0.1}\nsupport: {spacing: 0.2}", "not YAML: line 4: the key 'support' is given twice"),
         ("name: 2020-13-45", "not YAML: month must be in 1..12"),
         ("", "yaml: expected keys with values, got nothing$"),
+        ("root:x:0", "yaml: expected keys with values, got other content$"),
     ],
 )
 def test_bad_objects_are_refused_in_one_line(write, text, error):

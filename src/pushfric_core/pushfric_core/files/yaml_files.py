@@ -116,6 +116,8 @@ def complaint(error: pydantic.ValidationError) -> str:
     first = error.errors()[0]
     kind, got = first["type"], "nothing" if first["input"] is None else shortened(first["input"])
     where = list(map(str, first["loc"]))
+    if not where and first["input"] is not None:
+        got = "other content"  # whoever may name a file to a service is told nothing of what is in it
     if kind == "missing" and isinstance(first["input"], dict):
         expected, got = "expected a value", f"only {', '.join(map(str, first['input'])) or 'an empty part'}"
     elif kind == "missing":

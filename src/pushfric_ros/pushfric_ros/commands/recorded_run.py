@@ -147,7 +147,6 @@ def write_result(bag: pathlib.Path, result: Result, doubts: Sequence[str], known
 
 def print_result(console: "Console", bag: pathlib.Path) -> None:
     """Name what a run has left."""
-    for what, name in {"figure: ": FIGURE_FILE, "model:  ": MODEL_FILE, "report: ": REPORT_FILE}.items():
+    for what, name in {"figure: ": FIGURE_FILE, "model:  ": MODEL_FILE, "report: ": REPORT_FILE, "bag:    ": ""}.items():
         if (bag / name).exists():
             console.print(f"{what}{bag / name}", markup=False)
-    console.print(f"bag:    {bag}", markup=False)
