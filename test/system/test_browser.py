@@ -417,7 +417,7 @@ def test_the_same_page_shows_a_run_that_is_over(browser, recorded, scheme, width
         expect(page.locator("#moment_name")).to_have_text(re.compile(r"^push 14, observation (\d) of \1, "))
         expect(page.locator("#stop")).to_be_hidden()
         expect(page.locator("#trust")).to_contain_text("may be used")
-        expect(page.locator("#mu")).to_have_text("≥ 0.713")  # as estimate says in the tutorial
+        expect(page.locator("#mu")).to_have_text("≥ 0.718")  # as estimate says in the tutorial
         page.locator("#moment").press("PageUp")
         page.locator("#compare").press("Enter")
         for _ in range(4):
