@@ -68,7 +68,8 @@ def finding(points: Array, steps: Steps, size: float) -> Generator[None, None, P
     if data is None:
         return None
     area, feet = (problem_of(points, data, white) for white in WHITES)
-    few = problem_of(points, stretches(thinned(steps, FIRST_STRETCHES), size) or data, WHITES[0])
+    first = thinned(steps, FIRST_STRETCHES)
+    few = area if first is steps else problem_of(points, stretches(first, size) or data, WHITES[0])
     yield
     begun: list[Fit] = []
     for start in STARTS:

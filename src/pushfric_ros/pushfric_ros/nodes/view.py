@@ -117,20 +117,22 @@ class ViewNode(Node):
 
     def _tell(self, told: Callable[[Any], Change], msg: Any) -> None:
         """Tell the visitors what a message changes."""
-        self._attempt(type(msg), lambda: self._server.show(told(msg)))
+        self._attempt(type(msg), lambda: told(msg), self._server.show)
 
-    def _attempt(self, kind: type, do: Callable[[], None]) -> None:
-        """Do something with a message of this type, which may make no sense, or be of another version."""
+    def _attempt(self, kind: type, read: Callable[[], Any], use: Callable[[Any], None]) -> None:
+        """Read a message of this type, which may make no sense, or be of another version, and use what it says."""
         try:
-            do()
+            found = read()
         except (ValueError, PushfricError, rclpy_implementation.RMWError) as error:
             if kind not in self._unshown:  # the logger's own `once` would be for messages of all types together
                 self._unshown.add(kind)
                 self.get_logger().error(f"{kind.__name__} not shown: {error}")
+        else:
+            use(found)
 
     def _receive(self, kind: type, act: Callable[[Any], None], data: bytes) -> None:
         """Take the bytes of a message: in their order, at once if somebody looks, else later."""
-        self._unread.append(lambda: self._attempt(kind, lambda: act(deserialize_message(data, kind))))
+        self._unread.append(lambda: self._attempt(kind, lambda: deserialize_message(data, kind), act))
         if self._looking:
             self._read()
 
